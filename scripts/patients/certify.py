@@ -76,6 +76,6 @@ def certify(
 def from_elasticity(patient: PatientModel, plan: Plan, displacement, fem: FemSettings) -> float:
     """How far (mm) a point of the judged skin at most is from where linear elasticity takes it: what predicts every
     patient at once."""
-    fields = displacement, linear_field(patient, plan, fem)[0]
+    fields = displacement, linear_field(patient, plan, fem, warm=False)[0]
     one, other = (patient.moved_skin(field)[patient.judged_points] for field in fields)
     return apart(one, [other])

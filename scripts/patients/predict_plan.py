@@ -39,7 +39,7 @@ def predict_plan(
     read = {"models": [planned["model"]], "plans": [planned["plan"]], "trained": list(networks.values())}
     read |= {"lifts": lifts, "truths": [], "covariates": covariates}
     made = {"predictions": outputs["ensemble"] if networks else result}
-    stages(predict, read, made, {"names": list(networks) or [case], "cases": [case], **method})
+    stages(predict, read, made, {"names": list(networks) or [case], "cases": [case], "warm": False, **method})
     if networks:
         read = {**planned, "ensemble": outputs["ensemble"], "quality": quality}
         calibration = str(Path(archive) / calibration_file(about["method"]))

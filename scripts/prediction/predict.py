@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
@@ -28,29 +29,35 @@ def predict(
     device: str,
     threads: int,
     predictions: str,
+    warm: bool = True,
 ) -> None:
     """Write the prediction of each of `names`, cases or folds, by the method of a `predictor`; FloatingPointError if a
     field is not finite.
 
     settings: values of the sections that it reads. cases and the files have one entry per name, or one for all: plans
     and models; what a fold has trained, if anything; lifts of a method that has one; files of the virtual truth for a
-    bound; what else is known, for a method that reads it.
+    bound; what else is known, for a method that reads it. warm: whether the seconds are of warm calls.
     """
     patients = {model: PatientModel.read(model) for model in dict.fromkeys(models)}
     methods, made = {}, {}
-    files = (_each(part, len(names)) for part in (cases, models, plans, trained, lifts, truths, covariates))
-    for name, case, model, plan, fitted, lift, truth, known in zip(names, *files, strict=True):
-        if fitted not in methods:
-            methods[fitted] = resolve(predictor)(settings=settings, trained=fitted, device=device, threads=threads)
-        planned = Planned(
+
+    @lru_cache(maxsize=1)  # one patient for all folds, or each once
+    def planned(case: str, model: str, plan: str, lift: str | None, truth: str | None, known: str | None) -> Planned:
+        return Planned(
             case=case,
             patient=patients[model],
             plan=Plan.read(plan, case),
             lift=Lift.read(lift) if lift else None,
             truth=truth,
             covariates=read_stored_json(known) if known else {},
+            warm=warm,
         )
-        made[name] = prediction = methods[fitted](planned)
+
+    files = (_each(part, len(names)) for part in (cases, models, plans, trained, lifts, truths, covariates))
+    for name, case, model, plan, fitted, lift, truth, known in zip(names, *files, strict=True):
+        if fitted not in methods:
+            methods[fitted] = resolve(predictor)(settings=settings, trained=fitted, device=device, threads=threads)
+        made[name] = prediction = methods[fitted](planned(case, model, plan, lift, truth, known))
         logging.info("%s: %.4f s, and %.3f s for the patient", name, prediction.seconds, prediction.setup_seconds)
     write_predictions(predictions, made)
 

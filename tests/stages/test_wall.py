@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
-from pinnochio.mechanics.load_sources import make_sources
+from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.model.face_modes import FaceModes
 from pinnochio.model.patient import PatientModel
 from pinnochio.virtual.aftermath import DECIDED, OPEN, RESPONSE, Circumstances, Site, read_landmarks
@@ -45,7 +45,7 @@ def test_no_load_of_a_method_is_a_term_of_the_outcome(patient, face):
         moved = np.tile([0.0, -3, 1], (len(model.skin_points), 1))
         terms[name] = OPEN[name](site, moved, OPERATED, np.random.default_rng(0))
 
-    sources = make_sources(model, patient.fem.material(model.tissue), FaceModes.of([model])(model))
+    sources = AnsweringTissue(model, patient.fem.material(model.tissue))(FaceModes.of([model])(model))
     loads = [model.moved_skin(field) - model.skin_points for field in sources.fields]
     alike = np.abs(responses(list(terms.values()), face) @ responses(loads, face).T)
     worst = {name: alike[row].max() for row, name in enumerate(terms)}

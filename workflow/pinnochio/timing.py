@@ -10,19 +10,23 @@ Result = TypeVar("Result")
 REPEATS = 3  # of a timed prediction
 
 
-def timed(prepare: Callable[[], Callable[[], Result]]) -> tuple[Result, float, float]:
-    """prepare()(), seconds of one warm call (median of REPEATS), seconds of preparing with the first call."""
+def timed(prepare: Callable[[], Callable[[], Result]], warm: bool = True) -> tuple[Result, float, float]:
+    """prepare()(), seconds of one warm call (median of REPEATS), seconds of preparing with the first call.
+
+    warm: False for a single call, whose seconds hold what only a first one takes.
+    """
     start = time.perf_counter()
     predict = prepare()
-    predict()
+    if warm:
+        predict()
     setup = time.perf_counter() - start
-    return *repeated(predict), setup
+    return *repeated(predict, math.inf if warm else 0.0), setup
 
 
 def repeated(predict: Callable[[], Result], patience: float = math.inf) -> tuple[Result, float]:
     """predict(), median seconds of REPEATS calls; of a single one that takes longer than `patience` seconds."""
     seconds = []
-    while len(seconds) < REPEATS and sum(seconds[:1]) < patience:
+    while not seconds or (len(seconds) < REPEATS and seconds[0] < patience):
         start = time.perf_counter()
         result = predict()
         seconds.append(time.perf_counter() - start)

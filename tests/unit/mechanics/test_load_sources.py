@@ -8,7 +8,7 @@ import pytest
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.boundary.loads import Loads
-from pinnochio.mechanics.load_sources import SMOOTH, make_sources, units
+from pinnochio.mechanics.load_sources import SMOOTH, AnsweringTissue, units
 from pinnochio.mechanics.problems import uniform
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import FREE, SLIDING
@@ -25,7 +25,7 @@ def made():
     face = patient.skin_points[patient.judged_points]
     x, y = np.linalg.svd(face - face.mean(axis=0), full_matrices=False)[2][:2] @ (face - face.mean(axis=0)).T / 30
     patterns = np.stack([np.cos(np.pi * x / 2) * np.cos(np.pi * y / 2), np.sin(np.pi * x), np.sin(np.pi * y)], axis=1)
-    return patient, law, patterns, make_sources(patient, law, patterns)
+    return patient, law, patterns, AnsweringTissue(patient, law)(patterns)
 
 
 def test_a_small_load_does_what_newton_says(made):

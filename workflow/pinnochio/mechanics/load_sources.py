@@ -5,6 +5,7 @@ that answers them is in equilibrium with the declared load. Pressure under the s
 unfurls, sags or is pulled there.
 """
 
+import weakref
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,27 +43,30 @@ class Sources:
         return np.tensordot(amplitudes, self.fields, 1)
 
 
-def make_sources(
-    model: PatientModel, material: Material, patterns: np.ndarray, volumetric: str = VOLUMETRIC[0]
-) -> Sources:
-    """The sources of a patient for patterns (k, q) over the points of the judged face: pressures of the same patterns
-    under the skin, mixed so that what the patient's own elastic response makes of them are the patterns again."""
-    face = model.judged_points
-    normals = vertex_normals(model.skin_points, model.skin_faces)[face]
-    area = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])[face]
-    pressed = np.einsum("kq,k,kx->kqx", patterns, area, normals).reshape(len(face), -1)
-    onto = model.onto_judged
-    forces = (onto.T @ pressed).reshape(len(model.points), -1, 3).transpose(1, 0, 2)
-    boundary = boundary_conditions(model, Plan("-", {}), "mucosa")
-    solver = ElasticSolver(model.points, model.cells, material, boundary, volumetric)
-    fields = solver.under(forces)
-    solver.close()
+class AnsweringTissue:
+    """A patient's elastic response to pressure under the judged face, factorised once for any patterns."""
 
-    shown = (onto @ fields.transpose(1, 0, 2).reshape(len(model.points), -1)).reshape(len(face), -1, 3)
-    outward = np.einsum("kqx,kx->kq", shown, normals)
-    mixed = units(outward, patterns, area)
-    forces, fields = (np.tensordot(mixed, each, (0, 0)) for each in (forces, fields))
-    return Sources(forces, fields, outward @ mixed)
+    def __init__(self, model: PatientModel, material: Material, volumetric: str = VOLUMETRIC[0]):
+        self._model, boundary = model, boundary_conditions(model, Plan("-", {}), "mucosa")
+        self._solver = ElasticSolver(model.points, model.cells, material, boundary, volumetric)
+        weakref.finalize(self, self._solver.close)
+
+    def __call__(self, patterns: np.ndarray) -> Sources:
+        """The sources for patterns (k, q) over the points of the judged face: pressures of the same patterns under the
+        skin, mixed so that what the response makes of them are the patterns again."""
+        model, face = self._model, self._model.judged_points
+        normals = vertex_normals(model.skin_points, model.skin_faces)[face]
+        area = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])[face]
+        pressed = np.einsum("kq,k,kx->kqx", patterns, area, normals).reshape(len(face), -1)
+        onto = model.onto_judged
+        forces = (onto.T @ pressed).reshape(len(model.points), -1, 3).transpose(1, 0, 2)
+        fields = self._solver.under(forces)
+
+        shown = (onto @ fields.transpose(1, 0, 2).reshape(len(model.points), -1)).reshape(len(face), -1, 3)
+        outward = np.einsum("kqx,kx->kq", shown, normals)
+        mixed = units(outward, patterns, area)
+        forces, fields = (np.tensordot(mixed, each, (0, 0)) for each in (forces, fields))
+        return Sources(forces, fields, outward @ mixed)
 
 
 def units(outward: np.ndarray, patterns: np.ndarray, area: np.ndarray) -> np.ndarray:

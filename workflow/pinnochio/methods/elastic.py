@@ -14,7 +14,9 @@ from pinnochio.plans.plan import Plan
 from pinnochio.timing import timed
 
 
-def linear_field(patient: PatientModel, plan: Plan, fem: FemSettings) -> tuple[np.ndarray, float, float]:
+def linear_field(
+    patient: PatientModel, plan: Plan, fem: FemSettings, warm: bool = True
+) -> tuple[np.ndarray, float, float]:
     """Displacement (n, 3) mm by linear elasticity with sliding interfaces, timed as in `timing.timed`.
 
     A linear field may hold inverted elements.
@@ -25,7 +27,7 @@ def linear_field(patient: PatientModel, plan: Plan, fem: FemSettings) -> tuple[n
             simulator = stack.enter_context(Simulator(patient, fem, linear=True))
             return lambda: simulator.solve([plan])[0].displacement
 
-        return timed(prepare)
+        return timed(prepare, warm)
 
 
 class ElasticPredictor:
@@ -35,5 +37,5 @@ class ElasticPredictor:
         self._fem, self._threads = FemSettings(**settings["fem"]), threads
 
     def __call__(self, planned: Planned) -> Prediction:
-        """Warm, as linear_field does."""
-        return Prediction(*linear_field(planned.patient, planned.plan, self._fem), self._threads)
+        """As linear_field does."""
+        return Prediction(*linear_field(planned.patient, planned.plan, self._fem, planned.warm), self._threads)

@@ -55,7 +55,7 @@ class LearnedLoadPredictor:
 
                 return predict
 
-            (forces, result), seconds, setup = timed(prepare)
+            (forces, result), seconds, setup = timed(prepare, planned.warm)
         logging.info("%s: %s", planned.case, result.reason)
         return Prediction(
             result.displacement,

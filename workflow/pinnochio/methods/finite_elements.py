@@ -27,7 +27,7 @@ class FiniteElementPredictor:
 
     def __call__(self, planned: Planned) -> Prediction:
         """A solve that stops early is returned as such, with the last good state."""
-        if not self._warm:
+        if planned.warm and not self._warm:
             self._warm_up(planned)
         simulator = self._simulator_of(planned.patient)
         (result,) = simulator.solve([planned.plan])

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -12,11 +12,13 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.plans.plan import Plan
 
+Result = TypeVar("Result")
+
 
 @dataclass(frozen=True)
 class Planned:
     """A patient under a plan; lift: of a method whose network wants one; truth: file of the virtual one, of a bound;
-    covariates: what else is known of the patient, by name, of a method that reads them."""
+    covariates: what else is known of the patient, by name, of a method that reads them; warm: as of `timing.timed`."""
 
     case: str
     patient: PatientModel
@@ -24,6 +26,14 @@ class Planned:
     lift: Lift | None = None
     truth: str | None = None
     covariates: Mapping = field(default_factory=dict)
+    warm: bool = True
+    _made: dict = field(default_factory=dict, compare=False)
+
+    def once(self, make: Callable[..., Result], *arguments) -> Result:
+        """make(*arguments), called for the first of the folds' networks, which all make the same of a patient."""
+        if make not in self._made:
+            self._made[make] = make(*arguments)
+        return self._made[make]
 
 
 class Predictor(Protocol):

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
 from pinnochio.hdf5 import reading, writing
-from pinnochio.mechanics.load_sources import make_sources
+from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.bones import PLACES, motion_of_places
 from pinnochio.model.correspondence import ACROSS, marks, sides_changed
@@ -84,10 +84,11 @@ class SourceModel:
 class PatientSources:
     """The learned sources of one patient, made once for every plan; covariates: what else is known, by name."""
 
-    def __init__(self, learned: SourceModel, model: PatientModel, fem: FemSettings, covariates: Mapping):
-        """InputError where the face cannot be read."""
+    def __init__(self, learned: SourceModel, model: PatientModel, fem: FemSettings, covariates: Mapping, tissue=None):
+        """tissue: the patient's `answering_tissue`, where it serves several models. InputError where the face cannot be
+        read."""
         self._learned, self._features = learned, Features(model, covariates)
-        self.sources = make_sources(model, fem.material(model.tissue), learned.modes(model), fem.volumetric)
+        self.sources = (tissue or answering_tissue(model, fem))(learned.modes(model))
 
     def amplitudes(self, plan: Plan) -> np.ndarray:
         """Amplitudes (q,) under a plan, smaller in proportion where a point of the face would move by more than in any
@@ -96,6 +97,11 @@ class PatientSources:
         amplitudes = self._learned.regression(row)
         largest = np.abs(self.sources.outward @ amplitudes).max()
         return amplitudes * min(1.0, self._learned.largest / max(largest, 1e-9))
+
+
+def answering_tissue(model: PatientModel, fem: FemSettings) -> AnsweringTissue:
+    """A patient's response to pressure, of the settings' material."""
+    return AnsweringTissue(model, fem.material(model.tissue), fem.volumetric)
 
 
 def fit(

@@ -1,6 +1,7 @@
 """Landmarks of a face, read off the middle profile of its skin and a section across its nose."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -39,6 +40,7 @@ class FaceLandmarks:
     cheilion: np.ndarray
 
 
+@lru_cache(maxsize=1)
 def face_landmarks(patient: PatientModel) -> FaceLandmarks:
     """Landmarks of an upright face (+z up, looking to -y; some degrees of pitch do little).
 

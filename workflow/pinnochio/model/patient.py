@@ -22,7 +22,7 @@ SAME_PLACE = 1e-6  # mm; between copies of a point of the skin
 ATTRIBUTES = ("segments", "muscle")  # what the file holds beside its arrays
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PatientModel:
     """Mesh, interfaces and bone surface of one patient.
 

@@ -1,7 +1,7 @@
 """The face that a plan leads to, plan after plan: everything that belongs to the patient is loaded once."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from pinnochio.mechanics.solvers.linear_algebra import Workers
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.methods.pinnochio.predictor import PatientGraphNetwork, load_network, load_sources
-from pinnochio.methods.sources import PatientSources, SourceModel
+from pinnochio.methods.sources import PatientSources, answering_tissue
 from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
@@ -72,18 +72,17 @@ class Forecaster:
         lift = Lift.read(prepared.lift) if prepared.lift else None
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
         known = read_stored_json(prepared.covariates)
+        learned = list(map(load_sources, files))
+        tissue = answering_tissue(self.patient, self._fem) if any(learned) else None
+        sources = [each and PatientSources(each, self.patient, self._fem, known, tissue) for each in learned]
         self._networks = [
-            PatientGraphNetwork(network, shared, self._sources(load_sources(file), known))
-            for network, file in zip(networks, files, strict=True)
+            PatientGraphNetwork(network, shared, each) for network, each in zip(networks, sources, strict=True)
         ]
         self._finish = [Finish(self.patient, self._fem, prepared.corrections) for _ in range(threads)]
         self._correcting = Workers(threads)
         self._predicting = self._correcting if device == "cpu" else Workers(1)  # a GPU records one at a time
         little = RigidMotion(translation=np.array([0.0, -1, 0]))
         self(Plan(prepared.case, {self.patient.segments[0]: little}))  # so that no plan waits for code to be compiled
-
-    def _sources(self, learned: SourceModel | None, covariates: Mapping) -> PatientSources | None:
-        return learned and PatientSources(learned, self.patient, self._fem, covariates)
 
     def steps(self, plan: Plan) -> Iterator[Forecast | None]:
         """A first look at a plan, from the networks' raw fields; None after fields that are corrected; the forecast.

@@ -13,7 +13,7 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.methods.protocol import Planned
-from pinnochio.methods.sources import PatientSources, SourceModel
+from pinnochio.methods.sources import PatientSources, SourceModel, answering_tissue
 from pinnochio.model.predictions import Prediction
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
@@ -41,8 +41,11 @@ class GraphPredictor:
         finish = Finish(planned.patient, self._fem, self._corrections)
 
         def prepare():
-            sources = self._learned and PatientSources(self._learned, planned.patient, self._fem, planned.covariates)
-            patient = tensors(planned.patient, self._fem, self._settings, self._device, planned.lift)
+            sources, model = None, planned.patient
+            if self._learned:
+                tissue = planned.once(answering_tissue, model, self._fem)
+                sources = PatientSources(self._learned, model, self._fem, planned.covariates, tissue)
+            patient = planned.once(tensors, model, self._fem, self._settings, self._device, planned.lift)
             network = PatientGraphNetwork(self.network, patient, sources)
 
             def predict():
@@ -51,7 +54,7 @@ class GraphPredictor:
 
             return predict
 
-        (raw, displacement, repair, corrections), seconds, setup = timed(prepare)
+        (raw, displacement, repair, corrections), seconds, setup = timed(prepare, planned.warm)
         finish.close()
         logging.info("%s: %s", planned.case, repair)
         return Prediction(

@@ -34,7 +34,7 @@ class SurfacePredictor:
             network = PatientSurfaceNetwork(self._network, self._settings, planned.patient, planned.case, self._device)
             return partial(network, planned.plan)
 
-        skin, seconds, setup = timed(prepare)
+        skin, seconds, setup = timed(prepare, planned.warm)
         return Prediction(None, seconds, setup, self._threads, self._device, skin=skin)
 
 
