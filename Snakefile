@@ -38,7 +38,7 @@ rule all:
     default_target: True
     input:
         rules.tables.input,
-        rules.quality.input,
+        table_and_twins("quality"),
         rules.unscanned.input,
         rules.cost.input,
         "<results>/provenance.json",

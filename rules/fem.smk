@@ -1,29 +1,3 @@
-rule simulate_fem:
-    input:
-        model="<results>/cases/{case}/model.h5",
-        plan="<results>/cases/{case}/plan.json",
-    output:
-        fem_samples="<results>/cases/{case}/fem_samples.h5",
-    log:
-        "<logs>/simulate_fem/{case}.log",
-    benchmark:
-        "<benchmarks>/simulate_fem/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=4000,
-        runtime=60,
-    params:
-        plans=config["fem_samples"]["plans"],
-        fem=config["fem"],
-        seed=SEED,
-        code=code_of("scripts.fem.simulate_fem"),
-    message:
-        "Simulate {params.plans} plans of {wildcards.case} for pretraining"
-    script:
-        "../scripts/fem/simulate_fem.py"
-
-
 # A patient's own plan by finite elements, with fields to look at; needs no scan and no training.
 rule solve_plan:
     input:

@@ -1,20 +1,25 @@
 # What belongs to a patient, once for all plans: of the study (cases) or new (patients).
 
+REGISTERED = "none" if STUDY.cohort.virtual else STUDY.wildcards["case"]
 
-rule import_segmentation:
+
+# Segmentation and plan of a case, in one job: a wrong plan is refused before the dearer stages.
+rule import_case:
     input:
         segmentation=INPUTS.patient.file("segmentation"),
         volume=INPUTS.patient.file("volume"),
         markups=INPUTS.patient.markups,
+        source=INPUTS.patient.plan,
     output:
-        labels="<results>/{home}/{case}/labels.nii.gz",
-        bone="<results>/{home}/{case}/bone.vtp",
-        skin="<results>/{home}/{case}/skin.vtp",
-        report="<results>/{home}/{case}/import.json",
+        labels=update("<results>/cases/{case}/labels.nii.gz"),
+        bone=update("<results>/cases/{case}/bone.vtp"),
+        skin=update("<results>/cases/{case}/skin.vtp"),
+        report=update("<results>/cases/{case}/import.json"),
+        plan=update("<results>/cases/{case}/plan.json"),
     log:
-        "<logs>/import_segmentation/{home}/{case}.log",
+        "<logs>/import_case/{case}.log",
     benchmark:
-        "<benchmarks>/import_segmentation/{home}/{case}.tsv"
+        "<benchmarks>/import_case/{case}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -29,16 +34,71 @@ rule import_segmentation:
         accept=config["osteotomy"]["accept"],
         unlabelled_muscle=config["unlabelled_muscle"],
         bone_edge=INPUTS.patient.setting("mesh", "bone_edge"),
+        limit=config["registration"]["segment_limit"],
+        share=config["registration"]["segment_share"],
+        # The plan of a new patient's folder is the patient's, whatever case it names; what is odd was said before.
+        foreign=lambda wildcards: wildcards.get("home") == "patients",
+        content=content(
+            INPUTS.patient.file("segmentation"),
+            INPUTS.patient.file("volume"),
+            INPUTS.patient.markups,
+            INPUTS.patient.plan,
+        ),
+        code=code_of("scripts.patient.import_case"),
+    message:
+        "Import segmentation and plan of {wildcards.case}"
+    script:
+        "../scripts/patient/import_case.py"
+
+
+# Of a new patient apart: there may be several plans, or none yet.
+use rule import_case as import_segmentation with:
+    input:
+        segmentation=INPUTS.patient.file("segmentation"),
+        volume=INPUTS.patient.file("volume"),
+        markups=INPUTS.patient.markups,
+    output:
+        labels=update("<results>/{home}/{case}/labels.nii.gz"),
+        bone=update("<results>/{home}/{case}/bone.vtp"),
+        skin=update("<results>/{home}/{case}/skin.vtp"),
+        report=update("<results>/{home}/{case}/import.json"),
+    log:
+        "<logs>/import_segmentation/{home}/{case}.log",
+    benchmark:
+        "<benchmarks>/import_segmentation/{home}/{case}.tsv"
+    wildcard_constraints:
+        home="patients",
+    params:
         content=content(
             INPUTS.patient.file("segmentation"),
             INPUTS.patient.file("volume"),
             INPUTS.patient.markups,
         ),
-        code=code_of("scripts.patient.import_segmentation"),
     message:
         "Import the segmentation of {wildcards.case}"
-    script:
-        "../scripts/patient/import_segmentation.py"
+
+
+use rule import_case as import_plan with:
+    input:
+        source=INPUTS.patient.plan,
+        bone="<results>/{home}/{case}/bone.vtp",
+        labels="<results>/{home}/{case}/labels.nii.gz",
+    output:
+        plan=update("<results>/{home}/{case}{plan}/plan.json"),
+    log:
+        "<logs>/import_plan/{home}/{case}{plan}.log",
+    benchmark:
+        "<benchmarks>/import_plan/{home}/{case}{plan}.tsv"
+    wildcard_constraints:
+        home="patients",
+    priority: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    params:
+        content=content(INPUTS.patient.plan),
+    message:
+        "Import the plan of {wildcards.case}{wildcards.plan}"
 
 
 # What was cut where, to look at.
@@ -64,98 +124,112 @@ rule show_segments:
         "../scripts/patient/show_segments.py"
 
 
-# Before the dearer stages: a wrong plan is refused at once.
-rule import_plan:
+# After surgery, where both scans are there and the truth is known: the registered skin, the motion that surgery gave each
+# segment (what explains the scanned bones badly is refused), and where methods are judged, by none of them.
+rule follow_up:
     input:
-        source=INPUTS.patient.plan,
-        bone="<results>/{home}/{case}/bone.vtp",
-        labels="<results>/{home}/{case}/labels.nii.gz",
-    output:
-        plan="<results>/{home}/{case}{plan}/plan.json",
-    log:
-        "<logs>/import_plan/{home}/{case}{plan}.log",
-    priority: 1
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=3000,
-        runtime=10,
-    params:
-        labels=config["labels"],
-        limit=config["registration"]["segment_limit"],
-        share=config["registration"]["segment_share"],
-        # The plan of a new patient's folder is the patient's, whatever case it names; what is odd was said before.
-        foreign=lambda wildcards: wildcards.home == "patients",
-        content=content(INPUTS.patient.plan),
-        code=code_of("scripts.patient.import_plan"),
-    message:
-        "Import the plan of {wildcards.case}{wildcards.plan}"
-    script:
-        "../scripts/patient/import_plan.py"
-
-
-rule register_postop:
-    input:
-        postop=INPUTS.patient.postop,
-        # Of the scan that the skin is of too, where that is said.
-        postop_bones=INPUTS.patient.bones_of_postop,
-        labels=INPUTS.patient.labels_of_postop,
+        scan=INPUTS.patient.postop,
+        postop_bones=INPUTS.patient.postop_bones,
+        labels="<results>/cases/{case}/labels.nii.gz",
         skin="<results>/cases/{case}/skin.vtp",
         bone="<results>/cases/{case}/bone.vtp",
+        plan="<results>/cases/{case}/plan.json",
+        model="<results>/cases/{case}/model.h5",
+        lips_model="<results>/cases/{case}/lips/model.h5",
+        truth="<results>/virtual/{case}/truth.h5",
     output:
-        postop="<results>/cases/{case}/postop.h5",
+        postop=update("<results>/cases/{case}/postop.h5"),
+        achieved=update("<results>/cases/{case}/achieved.json"),
+        fits=ensure(update("<results>/cases/{case}/segments.csv"), non_empty=True),
+        judged=update("<results>/cases/{case}/judged.h5"),
+        true_motion=update("<results>/cases/{case}/true_motion.h5"),
+        lips_motion=update("<results>/cases/{case}/lips/true_motion.h5"),
     log:
-        "<logs>/register_postop/{case}.log",
+        "<logs>/follow_up/{case}.log",
     benchmark:
-        "<benchmarks>/register_postop/{case}.tsv"
+        "<benchmarks>/follow_up/{case}.tsv"
+    wildcard_constraints:
+        case=STUDY.wildcards["case"] if STUDY.cohort.virtual else "none",
     conda:
         "../envs/pinnochio.yaml"
     resources:
         mem_mb=4000,
-        runtime=10,
+        runtime=20,
     params:
         labels=config["labels"],
         nasion_above_maxilla=config["interfaces"]["nasion_above_maxilla"],
         limit=config["registration"]["limit"],
         segment_limit=config["registration"]["segment_limit"],
         segment_share=config["registration"]["segment_share"],
+        motion="plan" if config["motion"] == "planned" else "achieved",
+        samples=config["evaluation"]["samples"],
+        seed=SEED,
+        code=code_of("scripts.patient.follow_up"),
+    message:
+        "Register what was scanned of {wildcards.case} after surgery, and choose where it is judged"
+    script:
+        "../scripts/patient/follow_up.py"
+
+
+# Of a cohort of files both registrations stand before any mesh: they check the files.
+use rule follow_up as register_postop with:
+    input:
+        scan=INPUTS.patient.postop,
+        # Of the scan that the skin is of too, where that is said.
+        bones_of_postop=INPUTS.patient.bones_of_postop,
+        labels=INPUTS.patient.labels_of_postop,
+        skin="<results>/cases/{case}/skin.vtp",
+        bone="<results>/cases/{case}/bone.vtp",
+    output:
+        postop=update("<results>/cases/{case}/postop.h5"),
+    log:
+        "<logs>/register_postop/{case}.log",
+    benchmark:
+        "<benchmarks>/register_postop/{case}.tsv"
+    wildcard_constraints:
+        case=REGISTERED,
+    params:
         content=content(INPUTS.patient.postop, INPUTS.patient.bones_of_postop),
-        code=code_of("scripts.patient.register_postop"),
     message:
         "Register the post-operative skin of {wildcards.case}"
-    script:
-        "../scripts/patient/register_postop.py"
 
 
-# The motion that surgery gave each segment; what explains the scanned bones badly is refused.
-rule register_segments:
+use rule follow_up as register_segments with:
     input:
         postop_bones=INPUTS.patient.postop_bones,
         labels="<results>/cases/{case}/labels.nii.gz",
         bone="<results>/cases/{case}/bone.vtp",
         plan="<results>/cases/{case}/plan.json",
     output:
-        achieved="<results>/cases/{case}/achieved.json",
-        fits=ensure("<results>/cases/{case}/segments.csv", non_empty=True),
+        achieved=update("<results>/cases/{case}/achieved.json"),
+        fits=ensure(update("<results>/cases/{case}/segments.csv"), non_empty=True),
     log:
         "<logs>/register_segments/{case}.log",
     benchmark:
         "<benchmarks>/register_segments/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=4000,
-        runtime=10,
+    wildcard_constraints:
+        case=REGISTERED,
     params:
-        labels=config["labels"],
-        limit=config["registration"]["segment_limit"],
-        share=config["registration"]["segment_share"],
         content=content(INPUTS.patient.postop_bones),
-        code=code_of("scripts.patient.register_segments"),
     message:
         "Register the bones of {wildcards.case} after surgery"
-    script:
-        "../scripts/patient/register_segments.py"
+
+
+use rule follow_up as choose_samples with:
+    input:
+        model="<results>/cases/{case}/model.h5",
+        motion=INPUTS.patient.motion,
+        postop="<results>/cases/{case}/postop.h5",
+    output:
+        judged=update("<results>/cases/{case}/judged.h5"),
+    log:
+        "<logs>/choose_samples/{case}.log",
+    benchmark:
+        "<benchmarks>/choose_samples/{case}.tsv"
+    wildcard_constraints:
+        case=REGISTERED,
+    message:
+        "Choose where {wildcards.case} is judged"
 
 
 rule import_covariates:
@@ -210,8 +284,49 @@ rule check_cohort:
         "../scripts/patient/check_cohort.py"
 
 
-# What no plan decides, in one job; a killed one goes on at its stage.
-rule model_patient:
+# What comes of the labels, and the fields that networks are pretrained on, in one job; a killed one goes on at its stage.
+rule model_case:
+    input:
+        labels="<results>/cases/{case}/labels.nii.gz",
+        bone="<results>/cases/{case}/bone.vtp",
+        skin="<results>/cases/{case}/skin.vtp",
+        report="<results>/cases/{case}/import.json",
+        plan="<results>/cases/{case}/plan.json",
+        checked=ancient("<results>/cohort.csv"),
+    output:
+        **{name: update(file) for name, file in INPUTS.patient.to_train_on.items()},
+        mesh=update("<results>/cases/{case}/mesh.vtu"),
+        model=update("<results>/cases/{case}/model.h5"),
+        quality=update("<results>/cases/{case}/quality.json"),
+        lips_mesh=update("<results>/cases/{case}/lips/mesh.vtu"),
+        lips_model=update("<results>/cases/{case}/lips/model.h5"),
+    log:
+        "<logs>/model_case/{case}.log",
+    benchmark:
+        "<benchmarks>/model_case/{case}.tsv"
+    conda:
+        "../envs/pinnochio.yaml"
+    resources:
+        mem_mb=lambda wildcards, input: 4000 + 60 * millions(input.labels),
+        runtime=120,
+    params:
+        nodes=INPUTS.patient.nodes,
+        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
+        interfaces=INPUTS.patient.setting("interfaces"),
+        controls=INPUTS.patient.setting("lift", "controls"),
+        fem=INPUTS.patient.setting("fem"),
+        lip_edge=config["fem_rlse"]["lip_edge"],
+        plans=config["fem_samples"]["plans"],
+        seed=SEED,
+        code=code_of("scripts.patient.model_patient"),
+    message:
+        "Mesh and label {wildcards.case}"
+    script:
+        "../scripts/patient/model_patient.py"
+
+
+# Of a new patient no plan is solved yet.
+use rule model_case as model_patient with:
     input:
         labels="<results>/{home}/{case}/labels.nii.gz",
         bone="<results>/{home}/{case}/bone.vtp",
@@ -227,26 +342,18 @@ rule model_patient:
         "<logs>/model_patient/{home}/{case}.log",
     benchmark:
         "<benchmarks>/model_patient/{home}/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=lambda wildcards, input: 4000 + 60 * millions(input.labels),
-        runtime=60,
-    params:
-        nodes=INPUTS.patient.nodes,
-        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
-        interfaces=INPUTS.patient.setting("interfaces"),
-        controls=INPUTS.patient.setting("lift", "controls"),
-        fem=INPUTS.patient.setting("fem"),
-        code=code_of("scripts.patient.model_patient"),
-    message:
-        "Mesh and label {wildcards.case}"
-    script:
-        "../scripts/patient/model_patient.py"
+    wildcard_constraints:
+        home="patients",
 
 
 # On another mesh than the study's.
-use rule model_patient as model_sized with:
+use rule model_case as model_sized with:
+    input:
+        labels="<results>/{home}/{case}/labels.nii.gz",
+        bone="<results>/{home}/{case}/bone.vtp",
+        skin="<results>/{home}/{case}/skin.vtp",
+        report="<results>/{home}/{case}/import.json",
+        checked=ancient(INPUTS.patient.file("checked")),
     output:
         mesh=update("<results>/{home}/{case}/nodes_{nodes}/mesh.vtu"),
         model=update("<results>/{home}/{case}/nodes_{nodes}/model.h5"),
@@ -283,68 +390,7 @@ rule make_lift:
         "../scripts/patient/make_lift.py"
 
 
-ruleorder: model_patient > make_lift
-
-
-# For the methods that resolve the lips: their mesh, its model, and the true motion there where it is known.
-rule model_lips:
-    input:
-        mesh="<results>/cases/{case}/mesh.vtu",
-        labels="<results>/cases/{case}/labels.nii.gz",
-        bone="<results>/cases/{case}/bone.vtp",
-        skin="<results>/cases/{case}/skin.vtp",
-        report="<results>/cases/{case}/import.json",
-        truth=INPUTS.patient.truth,
-    output:
-        **INPUTS.patient.true_motion("lips/"),
-        mesh="<results>/cases/{case}/lips/mesh.vtu",
-        model="<results>/cases/{case}/lips/model.h5",
-    log:
-        "<logs>/model_lips/{case}.log",
-    benchmark:
-        "<benchmarks>/model_lips/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
-        interfaces=config["interfaces"],
-        lip_edge=config["fem_rlse"]["lip_edge"],
-        code=code_of("scripts.patient.model_lips"),
-    message:
-        "Refine the mesh of {wildcards.case} around the mouth, and label it"
-    script:
-        "../scripts/patient/model_lips.py"
-
-
-# Before any method predicts, and by none of them.
-rule choose_samples:
-    input:
-        model="<results>/cases/{case}/model.h5",
-        plan=INPUTS.patient.motion,
-        postop="<results>/cases/{case}/postop.h5",
-        truth=INPUTS.patient.truth,
-    output:
-        **INPUTS.patient.true_motion(),
-        judged="<results>/cases/{case}/judged.h5",
-    log:
-        "<logs>/choose_samples/{case}.log",
-    benchmark:
-        "<benchmarks>/choose_samples/{case}.tsv"
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    params:
-        samples=config["evaluation"]["samples"],
-        seed=SEED,
-        code=code_of("scripts.patient.choose_samples"),
-    message:
-        "Choose where {wildcards.case} is judged"
-    script:
-        "../scripts/patient/choose_samples.py"
+ruleorder: model_case > model_patient > make_lift
 
 
 rule meshes:

@@ -51,7 +51,7 @@ rule write_report:
             if INPUTS.report.volumes
             else []
         ),
-        qualities=expand("<results>/cases/{case}/quality.png", case=STUDY.cohort.cases),
+        qualities=expand("<results>/cases/{case}/quality.png", case=INPUTS.report.shown),
         cases="<results>/tables/cases.csv" if STUDY.cohort.scanned else [],
         chart="<results>/figures/cases.png" if STUDY.cohort.scanned else [],
         provenance="<results>/provenance.json",
@@ -66,7 +66,6 @@ rule write_report:
         runtime=10,
     params:
         cases=INPUTS.report.shown,
-        everyone=list(STUDY.cohort.cases),
         methods=STUDY.methods.compared,
         learned=STUDY.methods.learned,
         titles=REPORTED,

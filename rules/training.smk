@@ -5,8 +5,8 @@ rule pretrain:
         lifts=INPUTS.training.lifts,
         fem_samples=INPUTS.training.of_cases("<results>/cases/{case}/fem_samples.h5"),
     output:
-        network="<results>/folds/{fold}/{method}/pretrained.pt",
-        history="<results>/folds/{fold}/{method}/pretraining.csv",
+        network=update("<results>/folds/{fold}/{method}/pretrained.pt"),
+        history=update("<results>/folds/{fold}/{method}/pretraining.csv"),
     log:
         "<logs>/pretrain/{fold}_{method}.log",
     benchmark:
@@ -41,8 +41,8 @@ rule finetune:
         postops=INPUTS.training.of_cases("<results>/cases/{case}/postop.h5"),
         covariates=INPUTS.training.covariates,
     output:
-        network="<results>/folds/{fold}/{method}/network.pt",
-        history="<results>/folds/{fold}/{method}/finetuning.csv",
+        network=update("<results>/folds/{fold}/{method}/network.pt"),
+        history=update("<results>/folds/{fold}/{method}/finetuning.csv"),
     log:
         "<logs>/finetune/{fold}_{method}.log",
     benchmark:
@@ -104,7 +104,7 @@ rule fit:
         postops=INPUTS.training.of_cases("<results>/cases/{case}/postop.h5"),
         covariates=INPUTS.training.covariates,
     output:
-        fitted="<results>/folds/{fold}/{method}/fitted.h5",
+        fitted=update("<results>/folds/{fold}/{method}/fitted.h5"),
     log:
         "<logs>/fit/{fold}_{method}.log",
     benchmark:

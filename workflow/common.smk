@@ -63,7 +63,7 @@ with plainly():
         if changed := changed_since(RECORD, config):
             logger.warning(
                 f"Snakemake has no metadata of {RESULTS}, which was made with another configuration: {', '.join(changed)}. "
-                "What lies there counts as up to date. Delete it, or name what shall be made again with --forcerun."
+                "What lies there counts as up to date. Delete what shall be made again."
             )
     BENCHMARKS = f"{RESULTS}/benchmarks"
     STUDY = Study.of(config)

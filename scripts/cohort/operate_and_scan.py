@@ -21,11 +21,11 @@ def operate_and_scan(
     inputs, outcome: as of :func:`virtual_outcome`; settings: case, label_values, segments and seed of both; artefacts:
     of the bones' scan; outputs: files postop, truth, executed, bones.
     """
-    stages = Stages(Path(outputs["truth"]).with_name(".virtual_outcome.json"))
-    face = {name: outputs[name] for name in ("postop", "truth", "executed")}
-    stages(virtual_outcome, {"inputs": inputs}, face, {**settings, "outcome": outcome})
-    read = {"segmentation": inputs["segmentation"], "executed": outputs["executed"]}
-    stages(virtual_postop_bones, read, {"bones": outputs["bones"]}, {**settings, "artefacts": artefacts})
+    with Stages(Path(outputs["truth"]).with_name(".virtual_outcome.json")) as stages:
+        face = {name: outputs[name] for name in ("postop", "truth", "executed")}
+        stages(virtual_outcome, {"inputs": inputs}, face, {**settings, "outcome": outcome})
+        read = {"segmentation": inputs["segmentation"], "executed": outputs["executed"]}
+        stages(virtual_postop_bones, read, {"bones": outputs["bones"]}, {**settings, "artefacts": artefacts})
 
 
 if __name__ == "__main__":

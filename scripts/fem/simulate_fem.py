@@ -3,7 +3,6 @@
 import logging
 
 from pinnochio.hdf5 import writing
-from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator
 from pinnochio.model.patient import PatientModel
@@ -47,16 +46,3 @@ def simulate_fem(
             group.create_dataset("displacement", data=result.displacement, track_times=False)
             group.attrs["plan"] = current.to_json()
             group.attrs["min_jacobian"] = result.min_jacobian
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    simulate_fem(
-        case=snakemake.wildcards.case,
-        model=snakemake.input.model,
-        plan=snakemake.input.plan,
-        plans=snakemake.params.plans,
-        settings=FemSettings(**snakemake.params.fem),
-        seed=snakemake.params.seed,
-        fem_samples=snakemake.output.fem_samples,
-    )

@@ -1,14 +1,12 @@
-"""Makes what every method of a case is judged by: samples of model and registered scan, with regions; true motion."""
+"""Makes what every method of a case is judged by: samples of model and registered scan, with regions."""
 
 import logging
 
-from pinnochio.logs import attach_log
 from pinnochio.metrics.judged import choose
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import derive_seed
-from scripts.cohort.carry_truth import carry_truth
 
 
 def choose_samples(case: str, model: str, plan: str, postop: str, samples: int, seed: int, judged: str) -> None:
@@ -19,19 +17,3 @@ def choose_samples(case: str, model: str, plan: str, postop: str, samples: int, 
     )
     logging.info("%s: %d samples of the scan, %d of the skin", case, len(chosen.target), len(chosen.skin))
     chosen.write(judged)
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    choose_samples(
-        case=snakemake.wildcards.case,
-        model=snakemake.input.model,
-        plan=snakemake.input.plan,
-        postop=snakemake.input.postop,
-        samples=snakemake.params.samples,
-        seed=snakemake.params.seed,
-        judged=snakemake.output.judged,
-    )
-    if truth := snakemake.input.truth:
-        motion = snakemake.output.motion
-        carry_truth(case=snakemake.wildcards.case, truth=truth, model=snakemake.input.model, motion=motion)

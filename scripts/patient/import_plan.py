@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from pinnochio.importing.segmentation import check_plan, check_travel, read_labels
-from pinnochio.logs import attach_log, collected
+from pinnochio.logs import collected
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.areg import matrices, read_areg
 from pinnochio.plans.plan import Plan
@@ -63,18 +63,3 @@ def _checked_plan(case, source, bone, labels, label_values, limit, share, foreig
     check_plan(checked, surface.segments, source)
     check_travel(plan=checked, bone=surface, segments=surface.segments, path=source)
     return checked
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    import_plan(
-        case=snakemake.wildcards.case,
-        source=snakemake.input.source,
-        bone=snakemake.input.bone,
-        plan=snakemake.output.plan,
-        labels=snakemake.input.labels,
-        label_values=snakemake.params.labels,
-        limit=snakemake.params.limit,
-        share=snakemake.params.share,
-        foreign=snakemake.params.foreign,
-    )

@@ -18,7 +18,7 @@ from pinnochio.importing.presets import LOWER_TEETH, UPPER_TEETH
 from pinnochio.importing.registration import upper_face_plane
 from pinnochio.importing.repair import repair
 from pinnochio.importing.segmentation import Segmentation, read_segmentation, write_segmentation
-from pinnochio.logs import attach_log, collected
+from pinnochio.logs import collected
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.plans.roles import UNCUT
@@ -155,22 +155,3 @@ def _cut_head(
     }
     head = Segmentation(made.labels, parts.spacing, parts.origin, made.segments, parts.axes)
     return head, frame, {"tool": tool, "soft_tissue": parts.soft, "cuts": made.cuts, "landmarks": landmarks}
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    import_segmentation(
-        case=snakemake.wildcards.case,
-        segmentation=snakemake.input.segmentation,
-        volume=snakemake.input.volume or None,
-        markups=list(snakemake.input.markups),
-        label_values=snakemake.params.labels,
-        segments=tuple(snakemake.params.segments),
-        cuts=snakemake.params.cuts,
-        accept=snakemake.params.accept,
-        orientation=snakemake.params.orientation,
-        repair_limit=snakemake.params.repair["limit"],
-        unlabelled_muscle=snakemake.params.unlabelled_muscle,
-        bone_edge=snakemake.params.bone_edge,
-        outputs=dict(snakemake.output.items()),
-    )

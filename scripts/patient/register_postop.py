@@ -3,7 +3,6 @@
 import logging
 
 from pinnochio.importing.postop_skin import registered_skin
-from pinnochio.logs import attach_log
 from pinnochio.model.postop import PostopSkin
 
 
@@ -16,21 +15,3 @@ def register_postop(
     logging.info("residual: median %.3f mm, p95 %.3f mm", fit.median, fit.p95)
     logging.info("the face may be off by %.2f mm (p95), in the mean by %.2f mm (95%%)", fit.face_p95, fit.face_bias)
     PostopSkin(fit.motion.apply(points), faces, fit.median, fit.face_p95, fit.face_bias).write(registered)
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    register_postop(
-        case=snakemake.wildcards.case,
-        postop=snakemake.input.postop,
-        skin=snakemake.input.skin,
-        bone=snakemake.input.bone,
-        nasion_above_maxilla=snakemake.params.nasion_above_maxilla,
-        limit=snakemake.params.limit,
-        registered=snakemake.output.postop,
-        postop_bones=snakemake.input.get("postop_bones", ""),
-        labels=snakemake.input.get("labels", ""),
-        label_values=snakemake.params.labels,
-        segment_limit=snakemake.params.segment_limit,
-        segment_share=snakemake.params.segment_share,
-    )

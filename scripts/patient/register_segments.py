@@ -7,7 +7,6 @@ from pinnochio.columns import write_rows
 from pinnochio.importing.postop_bones import read_postop_bones
 from pinnochio.importing.segment_registration import FITS, check_fits, register_bones
 from pinnochio.importing.segmentation import read_labels
-from pinnochio.logs import attach_log
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
 
@@ -46,19 +45,3 @@ def register_segments(
     check_fits((cranium, *registered), limit=limit, share=share, case=case, file=postop_bones)
     write_rows([{"case": case} | row for row in rows], fits, FITS)
     Plan(case, {fit.segment: fit.motion for fit in registered}).write(achieved)
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    register_segments(
-        case=snakemake.wildcards.case,
-        label_values=snakemake.params.labels,
-        postop_bones=snakemake.input.postop_bones,
-        labels=snakemake.input.labels,
-        bone=snakemake.input.bone,
-        plan=snakemake.input.plan,
-        limit=snakemake.params.limit,
-        share=snakemake.params.share,
-        achieved=snakemake.output.achieved,
-        fits=snakemake.output.fits,
-    )

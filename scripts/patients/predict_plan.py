@@ -35,25 +35,26 @@ def predict_plan(
     networks ensemble and picture.
     """
     case, result = about["case"], outputs["result"]
-    stages, named = Stages(Path(result).with_name(".predict_plan.json")), {"case": case}
-    read = {"models": [planned["model"]], "plans": [planned["plan"]], "trained": list(networks.values())}
-    read |= {"lifts": lifts, "truths": [], "covariates": covariates}
-    made = {"predictions": outputs["ensemble"] if networks else result}
-    stages(predict, read, made, {"names": list(networks) or [case], "cases": [case], "warm": False, **method})
-    if networks:
-        read = {**planned, "ensemble": outputs["ensemble"], "quality": quality}
-        calibration = str(Path(archive) / calibration_file(about["method"]))
-        read |= {"calibration": calibration, "ranges": str(Path(archive) / RANGES)}
-        stages(predict_interval, read, {"result": result}, {**named, "fem": fem})
-    read = {**planned, "quality": quality, "result": result, "folder": archive}
-    certificate = {"certificate": outputs["certificate"]}
-    stages(certify, read, certificate, {"about": about, "fem": fem})
-    shown = {name: outputs[name] for name in ("measures", "page")}
-    stages(show_prediction, {**planned, **certificate, "result": result}, shown, named)
-    export_prediction(case=case, **planned, result=result, folder=str(Path(outputs["mesh"]).parent))
-    if networks:
-        read = {"model": planned["model"], "result": result, "calibration": calibration}
-        stages(show_interval, read, {"picture": outputs["picture"]}, named)
+    named = {"case": case}
+    with Stages(Path(result).with_name(".predict_plan.json")) as stages:
+        read = {"models": [planned["model"]], "plans": [planned["plan"]], "trained": list(networks.values())}
+        read |= {"lifts": lifts, "truths": [], "covariates": covariates}
+        made = {"predictions": outputs["ensemble"] if networks else result}
+        stages(predict, read, made, {"names": list(networks) or [case], "cases": [case], "warm": False, **method})
+        if networks:
+            read = {**planned, "ensemble": outputs["ensemble"], "quality": quality}
+            calibration = str(Path(archive) / calibration_file(about["method"]))
+            read |= {"calibration": calibration, "ranges": str(Path(archive) / RANGES)}
+            stages(predict_interval, read, {"result": result}, {**named, "fem": fem})
+        read = {**planned, "quality": quality, "result": result, "folder": archive}
+        certificate = {"certificate": outputs["certificate"]}
+        stages(certify, read, certificate, {"about": about, "fem": fem})
+        shown = {name: outputs[name] for name in ("measures", "page")}
+        stages(show_prediction, {**planned, **certificate, "result": result}, shown, named)
+        export_prediction(case=case, **planned, result=result, folder=str(Path(outputs["mesh"]).parent))
+        if networks:
+            read = {"model": planned["model"], "result": result, "calibration": calibration}
+            stages(show_interval, read, {"picture": outputs["picture"]}, named)
 
 
 if __name__ == "__main__":

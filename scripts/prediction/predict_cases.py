@@ -23,11 +23,14 @@ def predict_cases(
     read, method: inputs and settings of :func:`~scripts.prediction.predict.predict`; judged: files and settings of
     :func:`~scripts.tables.evaluate.evaluate`; motions: one after another, plans with the files of OUTPUTS.
     """
-    stages = Stages(Path(motions[0][1]["predictions"]).with_name(".predict_cases.json"))
-    for plans, outputs in motions:
-        predictions, measured = {"predictions": outputs["predictions"]}, {name: outputs[name] for name in OUTPUTS[1:]}
-        stages(predict, {**read, "plans": plans}, predictions, method)
-        stages(evaluate, {**judged["files"], "plans": plans, **predictions}, measured, judged["settings"])
+    with Stages(Path(motions[0][1]["predictions"]).with_name(".predict_cases.json")) as stages:
+        for plans, outputs in motions:
+            predictions, measured = (
+                {"predictions": outputs["predictions"]},
+                {name: outputs[name] for name in OUTPUTS[1:]},
+            )
+            stages(predict, {**read, "plans": plans}, predictions, method)
+            stages(evaluate, {**judged["files"], "plans": plans, **predictions}, measured, judged["settings"])
 
 
 if __name__ == "__main__":

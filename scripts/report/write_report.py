@@ -111,5 +111,5 @@ if __name__ == "__main__":
         cases=snakemake.input.get("cases") or None,
         methods=snakemake.params.methods,
         chart=snakemake.input.get("chart") or None,
-        qualities=dict(zip(snakemake.params.everyone, snakemake.input.qualities, strict=True)),
+        qualities=dict(zip(snakemake.params.cases, snakemake.input.qualities, strict=True)),
     )

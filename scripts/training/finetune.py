@@ -1,10 +1,12 @@
 """Makes a fold's final network: the pretrained one, or a new one, adapted to the training patients' outcomes."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from pinnochio.logs import attach_log
 from pinnochio.references import resolve
 from pinnochio.seeds import derive_seed
+from pinnochio.stages import Stages
 from pinnochio.training.case_files import case_files
 from pinnochio.training.device import choose_device
 from pinnochio.training.fold import train_fold
@@ -41,20 +43,20 @@ def finetune(
     )
 
 
+def finetune_once(read: Mapping[str, object], settings: Mapping[str, object], outputs: Mapping[str, str]) -> None:
+    """Nothing is trained anew where other jobs have made files again of the same content."""
+    with Stages(Path(outputs["network"]).with_name(".finetune.json")) as stages:
+        stages(finetune, read, {"outputs": outputs}, settings)
+
+
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    finetune(
-        learner=snakemake.params.learner,
-        settings=snakemake.params.settings,
-        cases=snakemake.params.cases,
-        models=snakemake.input.models,
-        lifts=snakemake.input.lifts,
-        plans=snakemake.input.plans,
-        postops=snakemake.input.postops,
-        covariates=snakemake.input.get("covariates", []),
-        pretrained=snakemake.input.get("network") or None,
-        seed=derive_seed(snakemake.params.seed, "finetune", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
-        code=snakemake.params.code,
-        device=choose_device(snakemake.resources.gpu, snakemake.threads),
-        outputs=dict(snakemake.output.items()),
+    params, files, about = snakemake.params, snakemake.input, snakemake.wildcards
+    device = choose_device(snakemake.resources.gpu, snakemake.threads)
+    seed = derive_seed(params.seed, "finetune", f"{about.fold}/{about.method}")
+    settings = {name: params[name] for name in ("learner", "settings", "cases", "code")}
+    read = {name: list(files[name]) for name in ("models", "lifts", "plans", "postops")}
+    read |= {"covariates": list(files.get("covariates", [])), "pretrained": files.get("network") or None}
+    finetune_once(
+        read=read, settings=settings | {"seed": seed, "device": device}, outputs=dict(snakemake.output.items())
     )

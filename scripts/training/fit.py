@@ -1,6 +1,7 @@
 """Makes what a method learns at once of a fold's training patients: their samples and post-operative skins."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
@@ -9,6 +10,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.plans.plan import Plan
 from pinnochio.references import resolve
+from pinnochio.stages import Stages
 from pinnochio.training.case_files import read_fem_samples
 
 
@@ -39,16 +41,15 @@ def fit(
     ).write(fitted)
 
 
+def fit_once(read: Mapping[str, object], settings: Mapping[str, object], fitted: str) -> None:
+    """Nothing is fitted anew where other jobs have made files again of the same content."""
+    with Stages(Path(fitted).with_name(".fit.json")) as stages:
+        stages(fit, read, {"fitted": fitted}, settings)
+
+
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    fit(
-        learner=snakemake.params.learner,
-        cases=snakemake.params.cases,
-        models=snakemake.input.models,
-        fem_samples=snakemake.input.fem_samples,
-        plans=snakemake.input.plans,
-        postops=snakemake.input.postops,
-        covariates=snakemake.input.get("covariates", []),
-        settings=snakemake.params.settings,
-        fitted=snakemake.output.fitted,
-    )
+    params, files = snakemake.params, snakemake.input
+    read = {name: list(files.get(name, [])) for name in ("models", "fem_samples", "plans", "postops", "covariates")}
+    settings = {name: params[name] for name in ("learner", "settings", "cases")}
+    fit_once(read=read, settings=settings, fitted=snakemake.output.fitted)

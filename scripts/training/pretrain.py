@@ -1,10 +1,12 @@
 """Makes a fold's pretrained network of the training patients' finite-element samples."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from pinnochio.logs import attach_log
 from pinnochio.references import resolve
 from pinnochio.seeds import derive_seed
+from pinnochio.stages import Stages
 from pinnochio.training.case_files import case_files
 from pinnochio.training.device import choose_device
 from pinnochio.training.fold import train_fold
@@ -38,17 +40,19 @@ def pretrain(
     )
 
 
+def pretrain_once(read: Mapping[str, object], settings: Mapping[str, object], outputs: Mapping[str, str]) -> None:
+    """Nothing is trained anew where other jobs have made files again of the same content."""
+    with Stages(Path(outputs["network"]).with_name(".pretrain.json")) as stages:
+        stages(pretrain, read, {"outputs": outputs}, settings)
+
+
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    pretrain(
-        learner=snakemake.params.learner,
-        settings=snakemake.params.settings,
-        cases=snakemake.params.cases,
-        models=snakemake.input.models,
-        lifts=snakemake.input.lifts,
-        fem_samples=snakemake.input.fem_samples,
-        seed=derive_seed(snakemake.params.seed, "pretrain", f"{snakemake.wildcards.fold}/{snakemake.wildcards.method}"),
-        code=snakemake.params.code,
-        device=choose_device(snakemake.resources.gpu, snakemake.threads),
-        outputs=dict(snakemake.output.items()),
+    params, files, about = snakemake.params, snakemake.input, snakemake.wildcards
+    device = choose_device(snakemake.resources.gpu, snakemake.threads)
+    seed = derive_seed(params.seed, "pretrain", f"{about.fold}/{about.method}")
+    settings = {name: params[name] for name in ("learner", "settings", "cases", "code")}
+    read = {name: list(files[name]) for name in ("models", "lifts", "fem_samples")}
+    pretrain_once(
+        read=read, settings=settings | {"seed": seed, "device": device}, outputs=dict(snakemake.output.items())
     )

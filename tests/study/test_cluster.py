@@ -57,8 +57,8 @@ def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_pa
     logs = "".join(path.read_text() for path in (results / "logs/pretrain").glob("*.log"))
     assert "resumed at step" in logs
 
-    mesh, training = last_job("model_patient"), last_job("pretrain")
-    assert (mesh["MinMemoryNode"], mesh["TimeLimit"], mesh["CPUs/Task"]) == ("4060M", "01:00:00", "1")
+    mesh, training = last_job("model_case"), last_job("pretrain")
+    assert (mesh["MinMemoryNode"], mesh["TimeLimit"], mesh["CPUs/Task"]) == ("4060M", "02:00:00", "1")
     assert training["TimeLimit"] != mesh["TimeLimit"] and "TresPerJob" not in training
 
     assert alone.snakemake(*STUDY).returncode == 0

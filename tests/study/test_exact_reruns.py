@@ -63,7 +63,7 @@ def following(first: list[Job]) -> list[Job]:
         job = waiting.pop()
         if id(job) not in reached:
             reached[id(job)] = job
-            waiting += [other for other in job.read_by if (job.rule, other.rule) != ("check_cohort", "model_patient")]
+            waiting += [other for other in job.read_by if (job.rule, other.rule) != ("check_cohort", "model_case")]
     return list(reached.values())
 
 

@@ -20,13 +20,13 @@ UNTRAINED = "methods: [no_change, fem_bonded]\nreference: fem_bonded\nvirtual: {
 # Scripts in the order in which the study comes to them.
 STAGES = [
     "virtual_patient",
-    "import_segmentation",
+    "import_case",
     "operate_and_scan",
-    "register_postop",
     "check_cohort",
     "model_patient",
+    "follow_up",
 ]
-STAGES += ["simulate_fem", "pretrain", "finetune", "predict_cases"]
+STAGES += ["pretrain", "finetune", "predict_cases"]
 STAGES += ["tabulate"]
 
 

@@ -63,7 +63,7 @@ def test_a_disk_that_fills_up_stops_the_study_which_goes_on_where_there_is_room(
     assert done.returncode != 0
     said = "StorageError: results/cases/P1/mesh.vtu: no space left on device. Remedy: make room on its disk"
     assert said in done.stdout and done.stdout.count("Error in rule") == 1, done.stdout[-3000:]
-    assert said in (project.folder / "results/logs/model_patient/cases/P1.log").read_text()
+    assert said in (project.folder / "results/logs/model_case/P1.log").read_text()
     before = made(project)
     assert {path.split("/")[-1] for path in before} >= {"skin.vtp", "import.json", "cohort.csv"}
     assert not any(path.split("/")[-1].startswith((".", "mesh")) for path in before), before

@@ -182,7 +182,7 @@ def test_a_tradeoff_of_one_patient_is_refused(project):
 def test_what_runs_nothing_needs_no_number_of_cores(project, option):
     done = project.forked(option, "--configfile", "config/quick.yaml")
     assert done.returncode == 0, done.stdout[-2000:]
-    assert "simulate_fem" in done.stdout
+    assert "model_case" in done.stdout
 
 
 def test_a_locked_cohort_is_packed_without_its_outcomes_until_they_are_revealed(project):

@@ -11,7 +11,7 @@ from tests.helpers.study import Project, jobs
 
 METHOD = "pinnochio_plus"
 SHARED = ("import_segmentation", "model_patient", "show_quality")
-TRAINING = {"pretrain", "finetune", "simulate_fem", "calibrate", "describe_training", "pack", "virtual_patient"}
+TRAINING = {"pretrain", "finetune", "model_case", "calibrate", "describe_training", "pack", "virtual_patient"}
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -70,6 +71,38 @@ def test_what_stays_counts_as_new(run, tmp_path):
 def test_a_stage_that_fails_is_run_again_and_those_before_it_are_not(run, tmp_path):
     run()
     for _ in range(2):
-        with pytest.raises(ZeroDivisionError):
-            Stages(tmp_path / ".made.json")(lambda: 1 / 0, {}, {}, {})
+        with pytest.raises(ZeroDivisionError), Stages(tmp_path / ".made.json") as stages:
+            stages(lambda: 1 / 0, {}, {}, {})
     assert not run()
+
+
+def several(folder: str, table: str) -> None:
+    """A stage that makes a folder and a file."""
+    logging.info("made")
+    Path(folder).mkdir(exist_ok=True)
+    (Path(folder) / "bone").write_text("bone")
+    Path(table).write_text("table")
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_what_snakemake_deletes_or_replaces_after_an_error_is_taken_from_copies(tmp_path, caplog, older):
+    caplog.set_level(logging.INFO)
+    outputs = {"folder": str(tmp_path / "bones"), "table": str(tmp_path / "table.csv")}
+
+    def job(fails: bool) -> int:
+        caplog.clear()
+        with Stages(tmp_path / ".made.json") as stages:
+            stages(several, {}, outputs, {})
+            if fails:
+                raise MemoryError
+        return caplog.text.count("made\n")
+
+    with pytest.raises(MemoryError):
+        job(fails=True)
+    shutil.rmtree(tmp_path / "bones")
+    (tmp_path / "table.csv").unlink()
+    if older:
+        (tmp_path / "table.csv").write_text("an older one")
+    assert job(fails=False) == 0
+    assert (tmp_path / "bones/bone").read_text() == "bone" and (tmp_path / "table.csv").read_text() == "table"
+    assert {path.name for path in tmp_path.iterdir()} == {".made.json", "bones", "table.csv"}  # the copies are gone

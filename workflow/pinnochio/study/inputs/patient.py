@@ -37,7 +37,7 @@ class PatientInputs:
 
     def plan(self, wildcards) -> str:
         """The plan as the user, or the virtual cohort, brings it."""
-        return self.study.patient(wildcards).plans[wildcards.plan.removeprefix("/")]
+        return self.study.patient(wildcards).plans[getattr(wildcards, "plan", "").removeprefix("/")]
 
     def postop(self, wildcards) -> str:
         return self._after_surgery(
@@ -72,20 +72,19 @@ class PatientInputs:
 
     @property
     def lift(self) -> dict[str, str]:
-        """The lift that comes with every model: where new patients' networks want one, or the study trains any
-        network: one that is added later makes no model again."""
-        choice = self.study.choice
-        wanted = choice.lift != "none" if choice else self.study.methods.learned
+        """The lift that comes with the model of a new patient, where its networks want one."""
+        wanted = self.study.choice and self.study.choice.lift != "none"
         return {"lift": "<results>/{home}/{case}/lift_elastic.h5"} if wanted else {}
 
     @property
-    def truth(self) -> str | list:
-        """The file of the virtual truth."""
-        return "<results>/virtual/{case}/truth.h5" if self.study.cohort.virtual else []
-
-    def true_motion(self, folder: str = "") -> dict[str, str]:
-        """The file of the true motion at the points of a model, where it is known."""
-        return {"motion": f"<results>/cases/{{case}}/{folder}true_motion.h5"} if self.truth else {}
+    def to_train_on(self) -> dict[str, str]:
+        """What comes with the model of a case of the study for what is trained: the lift, and samples of plans."""
+        methods, folder = self.study.methods, "<results>/cases/{case}"
+        sampled = [*methods.pretrained_here, *methods.trained("at once")]
+        return {
+            **({"lift": f"{folder}/lift_elastic.h5"} if methods.learned else {}),
+            **({"fem_samples": f"{folder}/fem_samples.h5"} if {*methods.used} & {*sampled} else {}),
+        }
 
     def motion(self, wildcards) -> str:
         """The motion that predictions of a patient take: of the study's as everywhere, of a new one the plan."""

@@ -1,0 +1,44 @@
+"""Makes of what is brought of a patient before surgery: labels and surfaces of the segmentation, the checked plan."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pinnochio.logs import attach_log
+from pinnochio.stages import Stages
+from scripts.patient.import_plan import import_plan
+from scripts.patient.import_segmentation import import_segmentation
+
+SEGMENTED = ("labels", "bone", "skin", "report")
+
+
+def import_case(
+    case: str, files: Mapping[str, object], outputs: Mapping[str, str], scan: Mapping, plan: Mapping, record: str
+) -> None:
+    """Run the stages whose outputs are named: those of SEGMENTED, then plan.
+
+    files: segmentation, volume, markups, source (of the plan), and bone and labels where they are not made here;
+    scan, plan: settings of :func:`import_segmentation` and :func:`import_plan`.
+    """
+    with Stages(record) as stages:
+        if "labels" in outputs:
+            read = {name: files[name] for name in ("segmentation", "volume", "markups")}
+            made = {name: outputs[name] for name in SEGMENTED}
+            stages(import_segmentation, read, {"outputs": made}, {"case": case, **scan})
+        if "plan" in outputs:
+            read = {"source": files["source"]} | {name: outputs.get(name) or files[name] for name in ("bone", "labels")}
+            stages(import_plan, read, {"plan": outputs["plan"]}, {"case": case, **plan})
+
+
+if __name__ == "__main__":
+    attach_log(snakemake.log[0])
+    params, files = snakemake.params, dict(snakemake.input.items())
+    scan = {name: params[name] for name in ("orientation", "unlabelled_muscle", "bone_edge", "cuts", "accept")}
+    import_case(
+        case=snakemake.wildcards.case,
+        files=files | {"volume": files.get("volume") or None, "markups": list(files.get("markups", []))},
+        outputs=dict(snakemake.output.items()),
+        scan=scan
+        | {"label_values": params.labels, "segments": tuple(params.segments), "repair_limit": params.repair["limit"]},
+        plan={"label_values": params.labels} | {name: params[name] for name in ("limit", "share", "foreign")},
+        record=Path(snakemake.output[0]).with_name(".import_case.json"),
+    )
