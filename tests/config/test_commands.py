@@ -42,10 +42,10 @@ def project(tmp_path_factory) -> Project:
     names = ("segmentation.nii.gz", "plan.json", "wish.csv")
     files += [project.folder / f"{home}/{name}" for home in ("P01", "results/virtual/V01") for name in names]
     files.append(project.folder / "P01/plans/further.json")
-    rows = ["case\tsegmentation\tplan\tpostop"]
+    rows = ["case\tsegmentation\tplan\tpostop\tpostop_bones"]
     for number in range(PATIENTS):
         parts = [f"C{number}.{suffix}" for suffix in ("nii.gz", "json", "ply")]
-        rows.append("\t".join([f"C{number}", *parts]))
+        rows.append("\t".join([f"C{number}", *parts, parts[-1]]))
         files += [project.folder / part for part in parts]
     files += [project.folder / f"elsewhere/V{number:02d}.npz" for number in range(1, PATIENTS + 1)]
     files += [project.folder / f"results/reference/SHA256SUMS.{role}" for role in ("development", "locked")]
@@ -129,7 +129,7 @@ def test_a_documented_command_is_understood(planned, command):
         said = run(sys.executable, script, "--help")
         for word in arguments:
             assert not word.startswith("--") or word in said, word
-    elif program not in ("snakemake", "make", "mkdir", "cp", "git"):
+    elif program not in ("snakemake", "make", "mkdir", "cp", "git", "rm"):
         assert command == ("source", ".venv/bin/activate") and "-m venv --clear .venv" in run("make", "-nB", "env")
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from pinnochio.errors import InputError
 
-JUDGES = {"predict_cases", "evaluate_external"}  # rules without whose jobs there is nothing to show
+JUDGES = {"predict_cases", "predict_both_motions", "evaluate"}  # rules without whose jobs there is nothing to show
 
 
 def refuse_unfinished(targets: Sequence[str], counts: Mapping[str, int], cores: int, results: str) -> None:
