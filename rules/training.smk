@@ -17,7 +17,7 @@ rule pretrain:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=6000,
+        mem_mb=INPUTS.training.memory,
         runtime=240,
         gpu=GPU,
     params:
@@ -53,7 +53,7 @@ rule finetune:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=6000,
+        mem_mb=INPUTS.training.memory,
         runtime=240,
         gpu=GPU,
     params:

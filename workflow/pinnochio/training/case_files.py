@@ -38,6 +38,18 @@ def case_files(cases: Sequence[str], lifts: Sequence[str], **files: Sequence[str
     return [CaseFiles(case, lift=lift, **dict(zip(files, paths, strict=True))) for case, lift, *paths in rows]
 
 
+def count_samples(files: CaseFiles) -> int:
+    """Samples of a training patient: its converged finite-element samples, or its own plan."""
+    if files.fem_samples is None:
+        return 1
+    with reading(files.fem_samples) as file:
+        return sum(map(_converged, file.values()))
+
+
+def _converged(group) -> bool:
+    return bool(group.attrs.get("converged", True))
+
+
 def read_fem_samples(path: File, case: str) -> list[tuple[Plan, np.ndarray]]:
     """Plans and displacement fields (n, 3) mm of the finite-element samples, in the order of their numbers.
 
@@ -48,7 +60,7 @@ def read_fem_samples(path: File, case: str) -> list[tuple[Plan, np.ndarray]]:
         samples = [
             (Plan.from_json(file[name].attrs["plan"], path), file[name]["displacement"][()])
             for name in groups
-            if file[name].attrs.get("converged", True)
+            if _converged(file[name])
         ]
     if not samples:
         raise InputError(case, path, "holds no converged field", "simulate more plans")

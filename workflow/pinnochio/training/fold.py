@@ -16,6 +16,7 @@ from pinnochio.training.checkpoint import read_network, save_network
 from pinnochio.training.loop import Step, train
 from pinnochio.training.recording import Piece, RecordedGradients
 from pinnochio.training.settings import TrainingSettings
+from pinnochio.training.streaming import StreamedSamples
 from pinnochio.training.validation import held_back
 
 
@@ -69,9 +70,14 @@ def train_fold(
     before the last step, which the answer says: whether training has ended.
     """
     training, checkpoint = learner.training, Path(out).with_suffix(".resume.pt")
-    samples, checks = [], []
-    for files, checked in zip(cases, held_back([files.case for files in cases], training.validation), strict=True):
-        (checks if checked else samples).extend(learner.read(files))
+    checked = held_back([files.case for files in cases], training.validation)
+    shown = [files for files, aside in zip(cases, checked, strict=True) if not aside]
+    checks = [sample for files, aside in zip(cases, checked, strict=True) if aside for sample in learner.read(files)]
+    streams = len(shown) > training.patients_in_memory
+    if streams:
+        samples = StreamedSamples(learner.read, shown, training.patients_in_memory)
+    else:
+        samples = [sample for files in shown for sample in learner.read(files)]
     if pretrained is None:
         torch.manual_seed(derive_seed(seed, phase, "weights"))
         network = learner.build(learner.network).to(learner.device)
@@ -79,13 +85,14 @@ def train_fold(
         network, _ = read_network(pretrained, type(learner.network), learner.build, learner.device)
     logging.info("%s: %d samples, %d held back", phase, len(samples), len(checks))
     gradients = None
-    if learner.recorded:
+    if learner.recorded and not streams:  # a recording holds on to its patient
         gradients = RecordedGradients(network, lambda index, step: learner.piece(network, samples[index], step))
     ended = train(
         network,
         lambda step: learner.terms(network, [samples[index] for index in step.samples], step),
         len(samples),
         training,
+        order=samples.order if streams else None,
         phase=phase,
         seed=seed,
         code=code,

@@ -41,6 +41,7 @@ class Step:
     rng: np.random.Generator
 
 
+Order = Callable[[np.random.Generator], np.ndarray]  # the samples of an epoch as they are shown, each once
 Terms = Callable[[Step], Mapping[str, Tensor]]
 # Leaves the gradient of the weighted sum of a step's terms in the parameters, and gives the terms.
 Gradients = Callable[[Step, Mapping[str, float]], Mapping[str, Tensor]]
@@ -52,6 +53,7 @@ def train(
     samples: int,
     settings: TrainingSettings,
     *,
+    order: Order | None = None,
     phase: str,
     seed: int,
     code: str,
@@ -67,7 +69,7 @@ def train(
     terms(step) gives the terms "data", "boundary" and, where wanted, "physics". validate() gives the error of
     the weights on patients that are not trained on: the network ends with the weights that it was least at,
     among those reached under the full loss (after physics_ramp); without it, with the last.
-    gradients: takes the place of `terms` and their derivative (:mod:`pinnochio.training.recording`).
+    gradients: takes the place of `terms` and their derivative (:mod:`pinnochio.training.recording`); order: see Order.
     until: time of `time.monotonic` at which training stops before its last step, to go on from `checkpoint` when it is
     started again; the network then has the weights that it would have ended with, and training has not ended.
 
@@ -95,15 +97,14 @@ def train(
             logging.info("%s: stopped after %d of %d steps, for its time is up", phase, step, settings.steps)
             break
         rising = _share(step, settings.physics_ramp * settings.steps) if settings.weights["physics"] else 1.0
-        measured = math.nan
-        if validate and (step % settings.validate_every == 0 or step == settings.steps):
-            measured = best.check(step, network, validate, counts=rising == 1)
+        looked = validate and (step % settings.validate_every == 0 or step == settings.steps)
+        measured = best.check(step, network, validate, counts=rising == 1) if looked else math.nan
         if step == settings.steps:
             if validate:
                 rows.append([step] + [math.nan] * (len(COLUMNS) - 3) + [measured])
             break
         rate = settings.learning_rate * schedule(step, settings)
-        drawn = _draw(step, samples, settings, phase, seed)
+        drawn = _draw(step, samples, settings, phase, seed, order)
         weights = dict(settings.weights) | {"physics": settings.weights["physics"] * rising}
         values = gradients(drawn, weights) if gradients else terms(drawn)
         loss, norm, values = _descend(network, optimizer, values, weights, rate, settings.clip, not gradients)
@@ -154,10 +155,10 @@ def _resume(
     return state["rows"], state["step"], state["failures"], Best(**state["best"])
 
 
-def _draw(step: int, samples: int, settings: TrainingSettings, phase: str, seed: int) -> Step:
+def _draw(step: int, samples: int, settings: TrainingSettings, phase: str, seed: int, order: Order | None) -> Step:
     rng = generator(seed, phase, f"step {step}")
     mirror = bool(settings.mirror and rng.random() < 0.5)
-    shown = tuple(sample_at(step * settings.batch + n, samples, seed, phase) for n in range(settings.batch))
+    shown = tuple(sample_at(step * settings.batch + n, samples, seed, phase, order) for n in range(settings.batch))
     return Step(shown, mirror, bool(settings.weights["physics"]), step / settings.steps, rng)
 
 
@@ -235,10 +236,11 @@ def schedule(step: int, settings: TrainingSettings) -> float:
     return 0.5 * (1 + math.cos(math.pi * (step - rise) / max(1, steps - rise)))
 
 
-def sample_at(number: int, samples: int, seed: int, phase: str) -> int:
+def sample_at(number: int, samples: int, seed: int, phase: str, order: Order | None = None) -> int:
     """Sample that is shown as so manyth: every epoch shows all of them, in an order of its own."""
     epoch, place = divmod(number, samples)
-    return int(generator(seed, phase, f"epoch {epoch}").permutation(samples)[place])
+    rng = generator(seed, phase, f"epoch {epoch}")
+    return int((order(rng) if order else rng.permutation(samples))[place])
 
 
 def _share(step: int, length: float) -> float:

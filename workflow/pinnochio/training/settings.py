@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+PATIENTS_IN_MEMORY = 200  # 7 GB
 PHASES = {"pretrain": "pretraining", "finetune": "finetuning"}  # of a training, and the section of its settings
 
 
@@ -29,6 +30,7 @@ class TrainingSettings:
     the states of one run apart, since all are compared on the same patient, and costs 3 % of 32 [I].
     validate_every: steps between two looks at it. No look ends a training, because with a cosine schedule much of the
     gain comes last.
+    patients_in_memory: of more, patients are read while others are shown (:mod:`pinnochio.training.streaming`).
     checkpoint_every (steps), checkpoint_seconds: after either, what a killed run resumes from is written.
     """
 
@@ -51,5 +53,6 @@ class TrainingSettings:
     sources: bool = False
     surface_samples: int = 0
     surface_cutoff: float = 0.0
+    patients_in_memory: int = PATIENTS_IN_MEMORY
     checkpoint_every: int = 100
     checkpoint_seconds: float = 60.0

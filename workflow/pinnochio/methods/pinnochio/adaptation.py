@@ -1,6 +1,6 @@
 """What a trained network leaves of its training patients' faces, learned as sources."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -18,20 +18,24 @@ from pinnochio.training.case_files import CaseFiles
 
 def learned_sources(
     network: nn.Module,
-    patients: Sequence[PatientTensors],
+    patients: Iterable[PatientTensors],
     cases: Sequence[CaseFiles],
     fem: FemSettings,
     corrections: int,
 ) -> dict[str, Tensor]:
-    """The state of :class:`pinnochio.methods.sources.SourceModel`, over the network's fields after the corrections."""
-    bases, plans = [], []
+    """The state of :class:`pinnochio.methods.sources.SourceModel`, over the network's fields after the corrections.
+
+    Tensors of one patient at a time are held.
+    """
+    models, bases, plans = [], [], []
     for patient, files in zip(patients, cases, strict=True):
         plans.append(Plan.read(files.plan, files.case))
         finish = Finish(patient.model, fem, corrections)
         bases.append(finish(*PatientGraphNetwork(network, patient)(plans[-1]))[0])
         finish.close()
+        models.append(patient.model)
     learned = sources.fit(
-        models=[patient.model for patient in patients],
+        models=models,
         bases=bases,
         plans=plans,
         skins=[PostopSkin.read(files.postop).surface for files in cases],

@@ -18,7 +18,7 @@ from pinnochio.networks.building import build, matched
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import PlanSignal
 from pinnochio.plans.plan import Plan
-from pinnochio.training.case_files import CaseFiles, File, read_fem_samples
+from pinnochio.training.case_files import CaseFiles, read_fem_samples
 from pinnochio.training.loop import Step
 from pinnochio.training.recording import Piece
 from pinnochio.training.settings import PHASES, TrainingSettings
@@ -54,7 +54,6 @@ class GraphLearner:
         if self.network.match_parameters and not self.network.decomposition:
             self.network = matched(self.network)
         self._fem, self.training = FemSettings(**settings["fem"]), TrainingSettings(**settings[PHASES[phase]])
-        self._patients: dict[File, PatientTensors] = {}
         self._corrections = settings.get("newton_corrections", 0)
         self.read = self._fem_samples if phase == "pretrain" else self._outcome
 
@@ -83,7 +82,7 @@ class GraphLearner:
         # Here, because what trains a network alone, on a machine with a GPU, needs none of what it imports.
         from pinnochio.methods.pinnochio.adaptation import learned_sources
 
-        patients = [self._patient(files) for files in cases]
+        patients = map(self._patient, cases)
         return {"sources": learned_sources(network, patients, cases, self._fem, self._corrections)}
 
     def _fem_samples(self, files: CaseFiles) -> list[Sample]:
@@ -108,16 +107,12 @@ class GraphLearner:
         return [Sample(patient, signal, surface.between, surface.draw, signal.cue, signal.reliable)]
 
     def _patient(self, files: CaseFiles) -> PatientTensors:
-        """Tensors of a patient's model and, if the network wants one, its lift; made once."""
-        if files.model in self._patients:
-            return self._patients[files.model]
+        """Tensors of a patient's model and, if the network wants one, its lift."""
         wanted = self.network.lift != "none"
         if wanted and files.lift is None:
             raise InputError(files.case, files.model, f"the network wants a lift, {self.network.lift}", "make it first")
         lift = Lift.read(files.lift) if wanted else None
-        patient = tensors(PatientModel.read(files.model), self._fem, self.network, self.device, lift)
-        self._patients[files.model] = patient
-        return patient
+        return tensors(PatientModel.read(files.model), self._fem, self.network, self.device, lift)
 
     def piece(self, network: nn.Module, sample: Sample, step: Step) -> Piece:
         """The loss of a sample: the same function for all plans of a patient, mirrored or not."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from pinnochio.manifest import MANIFEST
 from pinnochio.study.study import Study, filled
+from pinnochio.training.settings import PATIENTS_IN_MEMORY
 
 
 @dataclass(frozen=True)
@@ -61,3 +62,9 @@ class TrainingInputs:
             if settings
             for fold in self.study.folds.held_out
         ]
+
+    def memory(self, wildcards) -> int:
+        """MB that a training takes: its process, and 40 for each patient that it holds at once."""
+        phases = self.study.methods.phases(wildcards.method).values()
+        held = max((phase.get("patients_in_memory", PATIENTS_IN_MEMORY) for phase in phases if phase), default=0)
+        return 4000 + 40 * min(held, len(self.cases(wildcards)))
