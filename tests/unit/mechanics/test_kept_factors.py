@@ -321,9 +321,12 @@ def test_a_node_far_from_those_beside_it_is_doubted():
     solver = KeptFactors(points, cells, material(len(cells)), boundary, fem_settings())
     start, edge = np.zeros(points.shape), solver._elements.edge
     alone, all_of_them = start.copy(), start + 3 * edge
-    alone[-1, 0] = edge
+    alone[-1, 0] = 1.1 * edge
     axes = np.zeros((0, 3, 3))
     states = [solver._iterate(u, 0, 1, axes, 0 * u) for u in (alone, all_of_them)]
     reasons = [solver._elsewhere(start, axes[:, 0], state) for state in states]
-    assert "strayed" in reasons[0] and reasons[1] == ""
+    reasons.append(solver._elsewhere(start, axes[:, 0], solver._iterate(0.7 * alone, 0, 1, axes, 0 * alone)))
+    turned = solver._iterate(0.7 * alone, 0, 1, axes, 0 * alone)._replace(axes=np.eye(3)[None, [1, 2, 0]])
+    assert "rim" in solver._elsewhere(start, np.eye(3)[:1], turned)
+    assert "strayed" in reasons[0] and reasons[1:] == ["", ""]
     solver.close()
