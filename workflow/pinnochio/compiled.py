@@ -1,16 +1,11 @@
-"""Numba where it is installed; without it the same loops run as plain Python, slower, to the same result."""
+"""Loops that Numba compiles."""
 
 import inspect
 from functools import partial
 
+from numba import njit
+
 from pinnochio.code import code_hash
-
-try:
-    from numba import njit
-except ImportError:
-    njit = None
-
-COMPILED = njit is not None
 
 
 def compiled(function=None, **options):
@@ -22,8 +17,6 @@ def compiled(function=None, **options):
     """
     if function is None:
         return lambda function: compiled(function, **options)
-    if not COMPILED:
-        return function
     dispatcher = njit(cache=True, nogil=True, **options)(function)
     kept = dispatcher._cache._cache_file
     kept._source_stamp = code_hash(inspect.getfile(function))

@@ -7,12 +7,9 @@ import torch
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
+from pinnochio.networks import gatv2_cpu
 from pinnochio.networks.layout import Inputs, Layout
 
-try:
-    from pinnochio.networks import gatv2_cpu
-except ImportError:  # numba is absent
-    gatv2_cpu = None
 try:
     from pinnochio.networks import gatv2_gpu
 except ImportError:  # triton is absent
@@ -26,7 +23,7 @@ class Attention(nn.Module):
     """Residual layer x + GELU(GATv2(x)), with the parameters of torch_geometric's GATv2Conv.
 
     In float32 compiled loops over the edges of each node take the place of torch_geometric's edge-sized tensors: those
-    of numba on a CPU, of Triton on a GPU, where they are installed. Same result up to rounding, deterministic.
+    of numba on a CPU, of Triton on a GPU, where it is installed. Same result up to rounding, deterministic.
     """
 
     def __init__(self, width: int, heads: int):

@@ -1,7 +1,6 @@
 """Training of a fold's network in two phases: pretraining on finite-element samples, fine-tuning on outcomes."""
 
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -61,13 +60,11 @@ def train_fold(
     code: str,
     out: File,
     history: File,
-    until: float = math.inf,
-) -> bool:
+) -> None:
     """Train the network at `pretrained`, or a new one, on the cases; write it to `out` and the losses to `history`.
 
-    phase: one of PHASES; code: hash of the code that trains, until: see :func:`~pinnochio.training.loop.train`. The
-    checkpoint goes when the network is there, so that a kill at any time costs little; it stays where the time was up
-    before the last step, which the answer says: whether training has ended.
+    phase: one of PHASES; code: hash of the code that trains. The checkpoint goes when the network is there, so that a
+    kill at any time costs little.
     """
     training, checkpoint = learner.training, Path(out).with_suffix(".resume.pt")
     checked = held_back([files.case for files in cases], training.validation)
@@ -87,7 +84,7 @@ def train_fold(
     gradients = None
     if learner.recorded and not streams:  # a recording holds on to its patient
         gradients = RecordedGradients(network, lambda index, step: learner.piece(network, samples[index], step))
-    ended = train(
+    train(
         network,
         lambda step: learner.terms(network, [samples[index] for index in step.samples], step),
         len(samples),
@@ -101,11 +98,7 @@ def train_fold(
         validate=(lambda: learner.error(network, checks).item()) if checks else None,
         inputs=[path for files in cases for path in files.inputs],
         gradients=gradients,
-        until=until,
     )
     plain = asdict(training) | {"weights": dict(training.weights)}
-    completed = learner.completed(network, cases) if ended else {}
-    save_network(out, network, learner.network, training=plain, seed=seed, **completed)
-    if ended:
-        checkpoint.unlink(missing_ok=True)
-    return ended
+    save_network(out, network, learner.network, training=plain, seed=seed, **learner.completed(network, cases))
+    checkpoint.unlink(missing_ok=True)

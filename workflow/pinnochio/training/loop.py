@@ -62,16 +62,13 @@ def train(
     validate: Callable[[], float] | None = None,
     inputs: Iterable[str | os.PathLike] = (),
     gradients: Gradients | None = None,
-    until: float = math.inf,
-) -> bool:
-    """Train `network` in place and write the loss history, a row of COLUMNS per step; whether training has ended.
+) -> None:
+    """Train `network` in place and write the loss history, a row of COLUMNS per step.
 
     terms(step) gives the terms "data", "boundary" and, where wanted, "physics". validate() gives the error of
     the weights on patients that are not trained on: the network ends with the weights that it was least at,
     among those reached under the full loss (after physics_ramp); without it, with the last.
     gradients: takes the place of `terms` and their derivative (:mod:`pinnochio.training.recording`); order: see Order.
-    until: time of `time.monotonic` at which training stops before its last step, to go on from `checkpoint` when it is
-    started again; the network then has the weights that it would have ended with, and training has not ended.
 
     Samples, mirroring and `rng` depend on (seed, phase, step) alone, so a run that was killed and starts again
     from `checkpoint` ends as an unbroken one, on a CPU to the last bit. A checkpoint of other settings, first
@@ -83,7 +80,7 @@ def train(
     signature = json.dumps([phase, seed, samples, asdict(settings), fingerprint(network, inputs, code)], sort_keys=True)
     rows, start, failures, best = _resume(load_state(checkpoint, signature, device), network, optimizer, phase)
     network.train()
-    progress, saved, ended = TrainingProgress(phase, start, settings.steps), time.monotonic(), True
+    progress, saved = TrainingProgress(phase, start, settings.steps), time.monotonic()
 
     def keep(step: int) -> None:
         """Write what a further start goes on from."""
@@ -91,11 +88,6 @@ def train(
         save_state(checkpoint, state | {"rows": rows, "step": step, "failures": failures, "best": vars(best)})
 
     for step in range(start, settings.steps + 1):
-        if step < settings.steps and time.monotonic() > until:
-            keep(step)
-            ended = False
-            logging.info("%s: stopped after %d of %d steps, for its time is up", phase, step, settings.steps)
-            break
         rising = _share(step, settings.physics_ramp * settings.steps) if settings.weights["physics"] else 1.0
         looked = validate and (step % settings.validate_every == 0 or step == settings.steps)
         measured = best.check(step, network, validate, counts=rising == 1) if looked else math.nan
@@ -126,7 +118,6 @@ def train(
         network.load_state_dict(best.weights)
     network.eval()
     _write_history(history, rows, None if best.weights is None else best.step)
-    return ended
 
 
 def _deterministic_optimizer(network: nn.Module, settings: TrainingSettings) -> torch.optim.Optimizer:

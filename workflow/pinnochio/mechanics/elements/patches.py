@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pinnochio.compiled import COMPILED, compiled
+from pinnochio.compiled import compiled
 from pinnochio.geometry.mesh_topology import adjacency
 
 SIZE = 8  # elements in a patch; the table of elements in docs/lab/mechanics.md shows why
@@ -21,9 +21,6 @@ def make_patches(points, cells, tissue, size: int = SIZE) -> np.ndarray:
     centres = np.asarray(points, float)[cells].mean(axis=1)
     neighbours = _neighbours(cells, np.asarray(tissue))
     patch, member = np.full(len(cells), -1, np.int32), np.full(len(points), -1, np.int32)
-    if not COMPILED:  # plain Python reads lists several times as fast as arrays
-        arrays = cells, centres, neighbours, patch, member
-        cells, centres, neighbours, patch, member = (array.tolist() for array in arrays)
     _grow(cells, centres, neighbours, patch, member, size)
     sizes = np.bincount(patch)
     target = np.arange(len(sizes))

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from pinnochio.errors import InputError
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.methods.pinnochio.adaptation import learned_sources
 from pinnochio.methods.pinnochio.losses import SurfaceLoss, boundary_loss, physics_loss, volume_loss
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.model.patient import PatientModel
@@ -79,9 +80,6 @@ class GraphLearner:
         """The sources, over the network's corrected fields, where the settings ask for them."""
         if not self.training.sources:
             return {}
-        # Here, because what trains a network alone, on a machine with a GPU, needs none of what it imports.
-        from pinnochio.methods.pinnochio.adaptation import learned_sources
-
         patients = map(self._patient, cases)
         return {"sources": learned_sources(network, patients, cases, self._fem, self._corrections)}
 
