@@ -19,6 +19,7 @@ NODE_TYPES = {FIXED: "#444444", MOVING: "#d95f02", SLIDING: "#1f78b4"}
 # Directions of view in LPS: the face looks to -y, the patient's left is +x.
 FRONT, OBLIQUE, SIDE = (0, -1, 0.05), (0.75, -1, 0.15), (1, -0.05, 0.05)
 BEHIND = (0.15, 1, 0.1)
+REST = Plan("rest", {})
 FARTHEST = 4.0  # mm, where the scale of signed distances ends
 
 
@@ -38,9 +39,9 @@ def field_picture(patient: PatientModel, plan: Plan, displacement: np.ndarray, p
     plotter = pv.Plotter(off_screen=True, shape=(2, 3), window_size=(1500, 1100))
     before, after = skin_of(patient, 0 * displacement), skin_of(patient, displacement)
     magnitude = np.linalg.norm(after.points - before.points, axis=1)
-    for column, (title, skin) in enumerate((("before", before), ("after", after))):
+    for column, (title, skin, shown) in enumerate((("before", before, REST), ("after", after, plan))):
         plotter.subplot(0, column)
-        plotter.add_mesh(skin, color=SKIN)
+        add_face(plotter, skin, patient, shown)
         finish(plotter, title, OBLIQUE)
     plotter.subplot(0, 2)
     add_field(plotter, after, magnitude, "displacement [mm]", (0, float(magnitude.max()) or 1.0), "viridis")
@@ -55,7 +56,7 @@ def field_picture(patient: PatientModel, plan: Plan, displacement: np.ndarray, p
             plotter.add_points(patient.points[nodes], color=colour, point_size=7, render_points_as_spheres=True)
     finish(plotter, "fixed grey, moving orange, sliding blue", OBLIQUE)
     plotter.subplot(1, 2)
-    plotter.add_mesh(after, color=SKIN)
+    add_face(plotter, after, patient, plan)
     finish(plotter, "after, side", SIDE)
     save(plotter, path)
 
@@ -78,18 +79,18 @@ def case_picture(
     size = 420 * columns, 415 * rows
     plotter = pv.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
     plotter.subplot(0, 0)
-    plotter.add_mesh(skin_of(patient, np.zeros_like(patient.points)), color=SKIN)
+    add_face(plotter, skin_of(patient, np.zeros_like(patient.points)), patient, REST)
     finish(plotter, "before", OBLIQUE)
     plotter.subplot(0, 1)
     add_bone(plotter, patient, plan)
     finish(plotter, "moved bone", OBLIQUE)
     plotter.subplot(0, 2)
-    plotter.add_mesh(surface_of(*target), color=SKIN)
+    add_face(plotter, surface_of(*target), patient, plan)
     finish(plotter, "outcome (scan)", OBLIQUE)
     for number, (method, skin) in enumerate(skins.items()):
         row, column = divmod(number, columns)
         plotter.subplot(1 + 2 * row, column)
-        plotter.add_mesh(skin, color=SKIN)
+        add_face(plotter, skin, patient, plan)
         finish(plotter, written(method), OBLIQUE)
         plotter.subplot(2 + 2 * row, column)
         actor = add_values(plotter, skin, errors[method], (-FARTHEST, FARTHEST), "coolwarm")
@@ -115,6 +116,13 @@ def volume_picture(patient: PatientModel, displacements: Mapping[str, np.ndarray
     plotter.subplot(rows - 1, columns - 1)
     add_scale(plotter, actor, "det F")
     save(plotter, path)
+
+
+def add_face(plotter: pv.Plotter, skin: pv.PolyData, patient: PatientModel, plan: Plan) -> None:
+    """Skin, and behind it the bone after the plan: a mouth that is open shows teeth."""
+    plotter.add_mesh(skin, color=SKIN)
+    moved = patient.bone_points + patient.bone_displacement(plan)
+    plotter.add_mesh(pv.PolyData.from_regular_faces(moved, patient.bone_faces), color=BONE)
 
 
 def add_bone(plotter: pv.Plotter, patient: PatientModel, plan: Plan) -> None:

@@ -11,7 +11,7 @@ import pyvista as pv
 from markupsafe import Markup
 
 from pinnochio import web_pages
-from pinnochio.figures.patient import FRONT, OBLIQUE, SIDE, SKIN, UNKNOWN, add_bone, finish, save, skin_of
+from pinnochio.figures.patient import FRONT, OBLIQUE, REST, SIDE, UNKNOWN, add_bone, add_face, finish, save, skin_of
 from pinnochio.methods.names import spoken
 from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
@@ -51,7 +51,7 @@ def write_page(
     before, after = skin_of(patient, np.zeros_like(displacement)), skin_of(patient, displacement)
     moved = np.linalg.norm(after.points - before.points, axis=1)
     pictures = [
-        ("Before and after", _faces(before, after), "Above: before. Below: predicted."),
+        ("Before and after", _faces(patient, plan, before, after), "Above: before. Below: predicted."),
         ("Bones", _bones(patient, plan), "The bones after the plan, each segment in its colour."),
         ("Displacement", _map(after, moved), "How far each point of the skin moves."),
     ]
@@ -90,13 +90,13 @@ def motions_in_words(patient: PatientModel, plan: Plan) -> dict[str, str]:
     return words
 
 
-def _faces(before: pv.PolyData, after: pv.PolyData) -> bytes:
+def _faces(patient: PatientModel, plan: Plan, before: pv.PolyData, after: pv.PolyData) -> bytes:
     """Two rows: the skin before and after, from three sides."""
     plotter = _panels(2)
-    for row, (title, skin) in enumerate({"before": before, "after": after}.items()):
+    for row, (title, skin, shown) in enumerate((("before", before, REST), ("after", after, plan))):
         for column, (view, direction) in enumerate(VIEWS.items()):
             plotter.subplot(row, column)
-            plotter.add_mesh(skin, color=SKIN)
+            add_face(plotter, skin, patient, shown)
             finish(plotter, f"{title}, {view}", direction)
     return _png(plotter)
 

@@ -74,7 +74,8 @@ class FaceView:
             through = "bones" in shown
             side.skin.prop.opacity = THROUGH if through else 1.0
             side.skin.prop.culling = "back" if through else "none"  # the far side would only blur the bones
-            for actors, name in ((side.bones, "bones"), (side.ghost, "ghost"), (side.scan, "scan"),
+            side.paint_bones(through)
+            for actors, name in ((side.ghost, "ghost"), (side.scan, "scan"),
                                  (marks.profile, "profile"), (marks.midline, "midline")):  # fmt: skip
                 for actor in actors:
                     actor.SetVisibility(name in shown)
@@ -119,12 +120,12 @@ class Side:
             self._mesh, color=SKIN, scalars="interval", cmap=COLOURS, clim=(0, limit), nan_color=SKIN,
             show_scalar_bar=False, ambient=0.3, diffuse=0.8, specular=0.1,
         )  # fmt: skip
-        self.bones, self._bone_meshes = [], {}
+        self._bones, self._bone_meshes = {}, {}
         for index in np.unique(patient.bone_segment):
             bone = patient.bone_segment == index
             faces = (np.cumsum(bone) - 1)[patient.bone_faces[bone[patient.bone_faces[:, 0]]]]
             self._bone_meshes[index] = pv.PolyData.from_regular_faces(patient.bone_points[bone], faces)
-            self.bones.append(plotter.add_mesh(self._bone_meshes[index], color=bone_colour(index)))
+            self._bones[index] = plotter.add_mesh(self._bone_meshes[index])
         # Somewhat within, so that it shows only where the face has gone from.
         inside = patient.skin_points - WITHIN * vertex_normals(patient.skin_points, patient.skin_faces)
         before = pv.PolyData.from_regular_faces(inside, patient.skin_faces)
@@ -141,6 +142,11 @@ class Side:
             mapper.SetScalarModeToUsePointFieldData()
             mapper.SelectColorArray(name)
             mapper.scalar_range = self._limits[name]
+
+    def paint_bones(self, apart: bool) -> None:
+        """Each segment in its colour; else all as teeth, which a mouth that is open shows."""
+        for index, bone in self._bones.items():
+            bone.prop.color = bone_colour(index) if apart else BONE
 
     def show(self, forecast: Forecast) -> None:
         """Move skin and bones to where the forecast sees them."""
