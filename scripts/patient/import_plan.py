@@ -4,6 +4,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import replace
 
+from pinnochio.geometry.closed_surfaces import surfaces_in
 from pinnochio.importing.segmentation import check_plan, check_travel, read_labels
 from pinnochio.logs import collected
 from pinnochio.model.surfaces import BoneSurface
@@ -27,7 +28,8 @@ def import_plan(
 
     A source that is a segmentation, made after surgery and read as label_values say, is registered bone by bone on the
     patient's labels, as :mod:`register_segments` does: the plan is then the motion that was achieved. limit (mm), share
-    (%): as there. foreign: the plan may name another case.
+    (%): as there. A folder with both arches of teeth in final occlusion gives the mandible's motion
+    (:mod:`pinnochio.importing.occlusion`). foreign: the plan may name another case.
     """
     with collected() as warnings:
         checked = _checked_plan(case, source, bone, labels, label_values, limit, share, foreign)
@@ -56,6 +58,10 @@ def _checked_plan(case, source, bone, labels, label_values, limit, share, foreig
             logging.info("%s: median %.3f mm, %.0f %% matched", fit.segment, fit.median, fit.matched)
         check_fits((cranium, *fits), limit=limit, share=share, case=case, file=source)
         checked = Plan(case, {fit.segment: fit.motion for fit in fits})
+    elif surfaces_in(source):
+        from pinnochio.importing.occlusion import read_occlusion
+
+        checked = read_occlusion(source, case, read_labels(labels), surface.segments)
     elif matrices(source):
         checked = read_areg(source, case, surface.segments)
     else:

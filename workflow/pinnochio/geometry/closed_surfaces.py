@@ -20,12 +20,16 @@ CUT_AREA, CUT_FLATNESS = 1000.0, 0.2  # mm2, mm: so much skin so flat at an end 
 Refuse = Callable[..., None]  # refuse(problem, remedy, file=...) raises InputError
 
 
+def surfaces_in(folder: str | os.PathLike) -> list[Path]:
+    """The surface files of a folder by name; none where the path is no folder."""
+    files = sorted(Path(folder).iterdir()) if Path(folder).is_dir() else []
+    return [file for file in files if not file.name.startswith(".") and file.suffix.lower() in SURFACE_FORMATS]
+
+
 def surface_files(folder: str | os.PathLike, refuse: Refuse) -> dict[str, Path]:
     """The surface files of a folder by their stem, the name of the structure."""
     files: dict[str, Path] = {}
-    for file in sorted(Path(folder).iterdir()):
-        if file.name.startswith(".") or file.suffix.lower() not in SURFACE_FORMATS:
-            continue
+    for file in surfaces_in(folder):
         if file.stem in files:
             refuse(f"{file.stem!r} has two surfaces", "keep one file per structure", file=file)
         files[file.stem] = file

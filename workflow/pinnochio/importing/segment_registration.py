@@ -127,7 +127,7 @@ def register_bones(
         elif len(source.points) < FEWEST:
             refuse(f"hardly any surface of {name!r} is free of other bone", "check its labels")
         else:
-            tried = [_fitted(source, scanned, start) for start in (planned, RigidMotion())]
+            tried = [fitted(source, scanned, start) for start in (planned, RigidMotion())]
             motion = min(tried, key=lambda motion: _cost(source, scanned, motion)).about(source.points.mean(axis=0))
         fits.append(_judged(name, source, scanned, motion, planned, frame))
     return fits[0], fits[1:]
@@ -159,7 +159,7 @@ def _framed(head: Segmentation, segments: Sequence[str], points, faces, refuse):
     plane = upper_face_plane(bone, tuple(segments), 0.0)
     rotation, shift = coarse(points[chosen], normals[chosen], bone.points, bone.faces, plane, bone.points)
     scanned = ScannedBone(points @ rotation.T + shift, normals @ rotation.T)
-    back = _fitted(cranium, scanned, RigidMotion())  # what is left to turn, from the patient to the scan
+    back = fitted(cranium, scanned, RigidMotion())  # what is left to turn, from the patient to the scan
     frame = RigidMotion(rotation.T @ back.rotation, rotation.T @ (back.translation - shift))
     return bone, ScannedBone(back.inverse(scanned.points), scanned.normals @ back.rotation), frame
 
@@ -211,7 +211,7 @@ def _source(part, head: Segmentation) -> VisibleBone:
     return VisibleBone(points[chosen], normals[chosen], np.arange(0, len(chosen), step_over))
 
 
-def _fitted(source: VisibleBone, target: ScannedBone, start: RigidMotion) -> RigidMotion:
+def fitted(source: VisibleBone, target: ScannedBone, start: RigidMotion) -> RigidMotion:
     """The motion nearest to `start` that brings the points onto the target."""
     rotation, shift = start.rotation, start.apply(np.zeros((1, 3)))[0]
     for reach in REACHES:
