@@ -49,7 +49,7 @@ def imported(folder: Path, values=None, grey=None, head=None, save=None, **setti
     if save:
         save(home)
     (patient,) = read_patients(home).values()
-    markups = sorted(home.glob("*.mrk.json"))
+    markups = [path for path in sorted(home.iterdir()) if path.name.endswith((".mrk.json", ".fcsv"))]
     report, _ = tools.run(folder, patient.segmentation, volume=patient.volume or None, markups=markups, **settings)
     return report["volume_cm3"]
 
@@ -215,7 +215,11 @@ def doors(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     yield bad("exchanged landmarks", save=partial(marked, Me=top[0], RCo=menton))
     yield bad("landmarks in another frame", save=partial(marked, frame="RAS", **places))
     yield bad("landmarks 1 m off", save=partial(marked, **{name: place + 1000 for name, place in places.items()}))
-    yield bad("points of another ending", save=lambda home: (home / "a.fcsv").write_text("1,0,0,0"))
+    lines = ["# CoordinateSystem = 0", "# columns = id,x,y,z,label", *(
+        f"{name},{-place[0]},{-place[1]},{place[2]},{name}" for name, place in places.items()
+    )]  # fmt: skip
+    yield good("landmarks of an older Slicer", save=lambda home: (home / "a.fcsv").write_text("\n".join(lines)))
+    yield bad("points without a head", save=lambda home: (home / "a.fcsv").write_text("1,0,0,0"))
     yield bad("markups that are not called so", save=partial(marked, name="landmarks.json", **places))
     region = {"type": "ROI", "center": [0, 0, 0], "size": [400, 400, 400], "insideOut": True}
     yield bad(

@@ -8,7 +8,7 @@ import struct
 import zlib
 from pathlib import Path
 
-IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".mha", ".mhd", ".gipl", ".gipl.gz", ".dcm")
+IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".gipl", ".gipl.gz", ".dcm")
 HEADER = 4096  # bytes that hold the sizes in every format
 
 

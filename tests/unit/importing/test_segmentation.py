@@ -58,6 +58,28 @@ def without(value):
     return volume
 
 
+@pytest.mark.parametrize("packed", [True, False])
+def test_voxels_beside_their_header_are_read_with_it(tmp_path, packed):
+    sitk.WriteImage(image(), str(tmp_path / "a.nhdr"), packed)
+    labels = read_segmentation(tmp_path / "a.nhdr", "P1", VALUES, SEGMENTS).labels
+    np.testing.assert_array_equal(labels, expected())
+    (tmp_path / ("a.raw.gz" if packed else "a.raw")).unlink()
+    with pytest.raises(InputError, match="the file with its voxels is not there"):
+        read_segmentation(tmp_path / "a.nhdr", "P1", VALUES, SEGMENTS)
+
+
+def test_what_a_bone_encloses_is_bone_but_for_air_on_purpose(tmp_path, caplog):
+    volume = user_volume()
+    volume[2:9, 4:13, 4:12] = 21  # solid, then with hollows: of air, of tissue, and of what is left out
+    solid = (volume == 21).sum()
+    for place, value in ((5, 0), (7, 3), (9, 9)):
+        volume[4:6, place, 6:9] = value
+    path = stored(tmp_path / "a.nii.gz", image(volume))
+    labels = read_segmentation(path, "P1", VALUES | {"left_out": [9]}, SEGMENTS).labels
+    assert (labels == 11).sum() == solid - 6 and "'lefort1' encloses are bone" in caplog.text
+    assert not labels[4:6, 9, 6:9].any()
+
+
 @pytest.mark.parametrize("values", [VALUES, {name: code for name, code in VALUES.items() if name != "muscle"}])
 def test_a_head_without_muscle_comes_in_without_it(tmp_path, values, caplog):
     path = stored(tmp_path / "head.nrrd", image(without(7)))

@@ -36,6 +36,7 @@ from pinnochio.importing.soft_tissue import (
     bulk,
     check_belongs,
     closed,
+    hollows,
     near_skin,
     without_padding,
 )
@@ -48,7 +49,6 @@ THIN = 0.4  # share of a merged voxel from which bone counts: plates of half a v
 OPENING, APERTURE, DEPTH = 3.0, 10.0, 28.0  # mm, as the thresholds of a CT (thresholding.py)
 LOOSE, COMPARABLE = 0.02, 0.2  # of the largest piece: a skull may be in pieces; a piece that is no crumb [I]
 ISLAND = 25.0  # mm between teeth of one arch, at most: what lies farther off is none [I]
-CAVITY = 40.0  # cm3; what a bone encloses up to this is bone: marrow, a sinus, the inside of a shell [I]
 SMALLEST_HEAD = 0.3  # of the volume of the bones: less soft tissue is no face [I]
 NOUN = {SKULL: "skull", MANDIBLE: "mandible"}
 
@@ -122,10 +122,7 @@ def _tidy_bones(values, spacing: float, case: str) -> None:
                 values[island] = jaw
     for codes, jaw in ((UPPER, SKULL), (LOWER, MANDIBLE)):
         bone = np.isin(values, codes)
-        hollow, _ = ndimage.label(ndimage.binary_fill_holes(bone) & ~bone)
-        small = np.bincount(hollow.ravel()) * spacing**3 <= CAVITY * 1000
-        small[0] = False
-        values[small[hollow] & (values == 0)] = jaw
+        values[hollows(bone, spacing**3) & (values == 0)] = jaw
 
 
 def _drop_loose(values, limit: float, refuse) -> None:

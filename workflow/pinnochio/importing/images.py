@@ -104,6 +104,10 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
         content = _unpacked(content, refuse)
         _check_nifti(content, refuse)
         return _read_whole(_first_nifti(content), "image.nii", refuse, pixel)
+    if name.endswith(".nhdr"):
+        content = _attached(Path(path), refuse)
+        _check_nrrd(content, refuse)
+        return _read_whole(content, "image.nrrd", refuse, pixel)
     if name.endswith(".nrrd"):
         _check_nrrd(Path(path).read_bytes(), refuse)
     elif name.endswith((".mha", ".mhd")):
@@ -274,6 +278,16 @@ def _check_gipl(content: bytes, refuse: Refuse) -> None:
         _check_size(size, refuse)
     wanted = math.prod(max(side, 1) for side in sides) * GIPL_BYTES[kind]
     _check_length(len(content) - GIPL_HEADER, wanted, refuse)
+
+
+def _attached(path: Path, refuse: Refuse) -> bytes:
+    """The NRRD file that a header alone and the one file of voxels beside it make."""
+    head, _, _ = path.read_bytes().replace(b"\r\n", b"\n").partition(b"\n\n")
+    line = re.search(rb"^data ?file:[ \t]*([^/\\\0%\n]{1,200})$", head, re.MULTILINE)
+    beside = path.parent / os.fsdecode(line[1].strip()) if line else None
+    if beside is None or not beside.is_file():
+        refuse("the file with its voxels is not there", "put it beside the .nhdr, or save one .nrrd")
+    return head.replace(line[0], b"# attached").rstrip(b"\n") + b"\n\n" + beside.read_bytes()
 
 
 def _check_nrrd(content: bytes, refuse: Refuse) -> None:

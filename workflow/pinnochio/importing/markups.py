@@ -1,5 +1,6 @@
-"""Markups of 3D Slicer (`.mrk.json`): points by label, planes by name, regions of interest."""
+"""Markups of 3D Slicer (`.mrk.json`, lists of points also `.fcsv`): points by label, planes by name, regions."""
 
+import csv
 import os
 import re
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from pinnochio.errors import InputError, refusal
 from pinnochio.importing.thresholding import Plane
 from pinnochio.json_text import numbers, read_json
 
-ENDING = ".mrk.json"
+ENDING, POINTS = ".mrk.json", ".fcsv"
 FRAMES = {"LPS": np.ones(3), "0": np.array([-1.0, -1.0, 1.0]), "RAS": np.array([-1.0, -1.0, 1.0]), "1": np.ones(3)}
 FARTHEST = 1e5  # mm from the origin of a scanner
 PLANE, REGION = "Plane", "ROI"
@@ -38,7 +39,8 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
     for path in paths:
         refuse = refusal(case, path)
         try:
-            content = read_json(path, refuse)
+            older = str(path).lower().endswith(POINTS)
+            content = _of_points(Path(path).read_text(encoding="utf-8-sig")) if older else read_json(path, refuse)
             for markup in content["markups"]:
                 units = markup.get("coordinateUnits", "mm")
                 if (units[:1] if isinstance(units, list) else [units]) != ["mm"]:
@@ -69,6 +71,17 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
                 raise
             refuse(f"it cannot be read as markups ({error!r})", "save them again from 3D Slicer as .mrk.json")
     return markups
+
+
+def _of_points(text: str) -> dict:
+    """A list of points of an older 3D Slicer (`.fcsv`) as a newer one writes it; without a frame in its head, RAS."""
+    lines = text.splitlines()
+    head = [line[1:].partition("=") for line in lines if line.startswith("#")]
+    said = {key.strip(): value.strip() for key, _, value in head}
+    rows = csv.DictReader([line for line in lines if not line.startswith("#")], said["columns"].split(","))
+    points = [{"label": row["label"], "position": [float(row[axis]) for axis in "xyz"]} for row in rows]
+    frame = said.get("CoordinateSystem", "RAS")
+    return {"markups": [{"type": "Fiducial", "coordinateSystem": frame, "controlPoints": points}]}
 
 
 def _three(value) -> np.ndarray:

@@ -19,6 +19,7 @@ from pinnochio.geometry.rigid import LARGEST_TRANSLATION
 from pinnochio.importing.images import face, read_stored_image
 from pinnochio.importing.scan_checks import check_joined, thinned, without_spikes
 from pinnochio.importing.segment_files import Segment, read_segments
+from pinnochio.importing.soft_tissue import hollows
 from pinnochio.model.labels import AIR, CRANIUM, TISSUES, TOUCHING, internal_codes
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.plan import Plan
@@ -60,10 +61,11 @@ def read_segmentation(
     of every segment the voxel value (of a DICOM-SEG the segment number; a surface then bears the name of its
     structure), or the name that the file gives it. segments: those that a case may have; its own are those that it
     holds, coded in this order. Where structures overlap, bone goes over muscle, muscle over
-    superficial tissue, a segment over the cranium and over segments listed before it. What is not named counts as what
-    else the file has there, or as air, with a warning; it is refused where it makes up more than `unnamed_percent` of
-    the structure that it lies against, unless `label_values` lists it under "left_out": that is air, in soft tissue
-    too. Muscle may be missing in `label_values` and in the file; the result then holds none.
+    superficial tissue, a segment over the cranium and over segments listed before it. What a bone encloses is bone.
+    What is not named counts as what else the file has there, or as air, with a warning; it is refused where it makes up
+    more than `unnamed_percent` of the structure that it lies against, unless `label_values` lists it under "left_out":
+    that is air, in soft tissue too. Muscle may be missing in `label_values` and in the file; the result then holds
+    none.
 
     orientation: where the voxel axes of a file with a wrong header point, as a code such as "RAS" (first axis to the
     patient's right, second anterior, third superior); of surfaces, where their axes point. An oblique grid is resampled
@@ -76,9 +78,7 @@ def read_segmentation(
             refuse(f"the configuration gives no voxel value for {name!r}", f"add {name!r} to 'labels'")
     wanted = {name: label_values[name] for name in structures if name in label_values}
     optional = ("muscle", *segments)
-    direction = None
-    if orientation != HEADER:
-        direction = axes_of(orientation)
+    direction = axes_of(orientation) if orientation != HEADER else None
     if Path(path).is_dir():
         files = surface_files(path, refuse)
         wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
@@ -106,18 +106,19 @@ def read_segmentation(
     for name, mask in zip(chosen, masks, strict=True):
         values[mask] = codes[name]
     others = [part for part in parts if part not in chosen.values()]
+    air = np.zeros(values.shape, bool)
     for part in others:
         if _left_out(part, label_values):
-            values[part.voxels() & (values < CRANIUM)] = AIR
+            air |= part.voxels() & (values < CRANIUM)
+    values[air] = AIR
+    voxel = float(np.prod(image.GetSpacing()))
+    _fill(values, codes, air, voxel, case)
     check_extent(labelled_extent(values != AIR, image.GetSpacing()[::-1]), refuse)
     unnamed = [part for part in others if not _left_out(part, label_values)]
-    voxel = float(np.prod(image.GetSpacing()))
     _check_unnamed(values, unnamed, label_values, codes, unnamed_percent, voxel, refuse)
     axes = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
     coded = sitk.GetImageFromArray(values)
-    coded.SetSpacing(image.GetSpacing())
-    coded.SetOrigin(image.GetOrigin())
-    coded.SetDirection(image.GetDirection())
+    coded.CopyInformation(image)
     coded = _axis_aligned(coded)
     labels = np.ascontiguousarray(sitk.GetArrayFromImage(coded).transpose(2, 1, 0))
     for name, part in chosen.items():
@@ -125,6 +126,15 @@ def read_segmentation(
             what = "tissue" if name in TISSUES else "bone"
             refuse(f"{what} {name!r} ({part}) is empty or covered by other structures", "label it where it alone is")
     return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()), present, axes)
+
+
+def _fill(values, codes: Mapping[str, int], air, voxel: float, case: str) -> None:
+    """Turn what a bone encloses into bone, but for what is air (bool) on purpose; voxel: its volume, mm3."""
+    for name, code in codes.items():
+        enclosed = hollows(values == code, voxel) & ~air & (values < CRANIUM) if code >= CRANIUM else air[:0]
+        if enclosed.any():
+            LOG.warning("case %r: %.1f cm3 that %r encloses are bone", case, enclosed.sum() * voxel / 1000, name)
+            values[enclosed] = code
 
 
 def axes_of(orientation: str) -> np.ndarray:

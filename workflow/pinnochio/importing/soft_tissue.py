@@ -10,6 +10,7 @@ CLIPPED = (1.0, 99.0)  # percentiles of the grey values that air and tissue are 
 # Padding: of the scan's border, its share at least; of the voxels in front of it, those that are air, at least [I].
 AT_BORDER, BESIDE_AIR = 0.05, 0.2
 COARSE, SHIFT = 2.0, 40.0  # mm: grid on which labels are held against the scan, and farthest shift that is tried
+CAVITY = 40.0  # cm3; what a bone encloses up to this is bone [I]
 OFF, BETTER = 3.5, 1.08  # mm and times the contrast, from which shifted labels fit the scan better [I]
 
 
@@ -126,6 +127,14 @@ def largest(mask, structure=None) -> np.ndarray:
     """The largest connected piece of a mask; structure (3, 3, 3) bool: what is connected, by default by a face."""
     pieces, count = ndimage.label(mask, structure)
     return pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:]) if count else mask
+
+
+def hollows(bone, voxel: float) -> np.ndarray:
+    """What a bone (bool) encloses, up to CAVITY: marrow, a sinus, the inside of a shell; voxel: its volume, mm3."""
+    pieces, _ = ndimage.label(ndimage.binary_fill_holes(bone) & ~bone)
+    small = np.bincount(pieces.ravel()) * voxel <= CAVITY * 1000
+    small[0] = False
+    return small[pieces]
 
 
 def larger(mask, voxels: float, structure=None) -> np.ndarray:

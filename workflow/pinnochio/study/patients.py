@@ -21,7 +21,13 @@ COVARIATES_FILE = "covariates.json"
 WORDS = {"True": "yes", "False": "no"}  # of a cohort table for JSON's own
 WISH = "wish"  # name of what is wished of the face, before its ending
 WISHES = (ENDING, ".ply", ".stl", ".vtp", ".obj", ".csv", ".tsv")
-BESIDE_SCAN = (".raw", ".zraw", ".json", ".txt")  # endings of what lies beside a scan: its voxels, what it is
+BESIDE_SCAN = (
+    ".raw",
+    ".raw.gz",
+    ".zraw",
+    ".json",
+    ".txt",
+)  # endings of what lies beside a scan: its voxels, what it is
 OTHERS = ("postop", "transforms", "readme")  # what the planner reads and writes beside the patient, before its ending
 
 
@@ -54,7 +60,7 @@ def of_study(case: Case, config: Mapping) -> Patient:
 
 def markups_in(folder: str | os.PathLike) -> list[str]:
     """The files of markups of the patient as it is; what is wished is none of them."""
-    files = [path for path in entries(folder) if path.name.lower().endswith(ENDING)]
+    files = [path for path in entries(folder) if path.name.lower().endswith((ENDING, ".fcsv"))]
     return [str(path) for path in files if not _is_wish(path)]
 
 
@@ -141,7 +147,7 @@ def _of_folder(folder: Path) -> Patient:
         )
     for path in files:
         text = path.suffix.lower() == ".json" and not path.name.lower().endswith(ENDING)
-        if path.suffix.lower() == ".fcsv" or (text and b'"markups"' in path.read_bytes()):
+        if text and b'"markups"' in path.read_bytes():
             raise InputError(name, path, "it holds points, and is not read", f"save them as markups ({ENDING})")
     second = [path for path in files if _stem(path) == "plan" and _is_image(path)]
     listed = [path for path in files if path.name.lower() in ("plan.json", "plan", "plans")]
@@ -151,7 +157,7 @@ def _of_folder(folder: Path) -> Patient:
         if twice := sorted(further.keys() & plans.keys()):
             raise InputError(name, folder, f"plan {twice[0]!r} is there twice", "give each plan a name of its own")
         plans |= further
-    volumes = [path for path in files if _stem(path) in VOLUMES and path.suffix.lower() not in BESIDE_SCAN]
+    volumes = [path for path in files if _stem(path) in VOLUMES and not _beside(path)]
     if len(volumes) > 1:
         shown = ", ".join(path.name for path in volumes)
         raise InputError(name, folder, f"it holds {shown}", "keep one scan: the one that was segmented")
@@ -174,7 +180,7 @@ def _of_folder(folder: Path) -> Patient:
 
 def _beside(path: Path) -> bool:
     """Whether a file lies beside a scan or its labels: their voxels, what is known of them."""
-    return _stem(path) in (*VOLUMES, "segmentation") and path.suffix.lower() in BESIDE_SCAN
+    return _stem(path) in (*VOLUMES, "segmentation") and path.name.lower().endswith(BESIDE_SCAN)
 
 
 def _covariates(case: str, path: Path) -> dict[str, str | float | bool]:
