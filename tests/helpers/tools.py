@@ -7,12 +7,16 @@ import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
+from pinnochio.geometry.rigid import RigidMotion
+from pinnochio.importing.occlusion import _beside
 from pinnochio.importing.segmentation import read_labels
 from pinnochio.model.labels import CRANIUM
+from pinnochio.model.surfaces import bone_surface, write_surface
 from pinnochio.virtual.head import Head
 from scripts.patient.import_segmentation import import_segmentation
 from tests.helpers.settings import CONFIG
 
+SCANNER = RigidMotion.from_degrees((100, 40, -60), (20, 300, -50), (0, 0, 0))
 SEGMENTS = ("lefort1", "mandible_distal", "proximal_left", "proximal_right", "mandible", "chin")
 
 
@@ -58,6 +62,29 @@ def scan(head: Head, air=-1000.0, tissue=40.0, bone=900.0, noise=40.0) -> np.nda
         grey[masks[name]] = bone
     grey = ndimage.gaussian_filter(grey, 0.5) + np.random.default_rng(0).normal(0, noise, grey.shape)
     return grey.astype(np.float32)
+
+
+def arches(head: Head, motion: RigidMotion) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Points and faces of both arches, 14 mm deep, the lower one moved by `motion`, in a scanner's frame with noise."""
+    bone, rng, made = (
+        bone_surface(head.labels, head.spacing, head.origin, head.segments, 0.8),
+        np.random.default_rng(1),
+        {},
+    )
+    jaws = {"upper": bone.part(0), "lower": bone.part(1)}
+    for (name, jaw), other in zip(jaws.items(), reversed(jaws.values()), strict=True):
+        points, faces = _beside(jaw.points, jaw.faces, other.points, 14.0)
+        closed = motion.apply(points) if name == "lower" else points
+        made[name] = SCANNER.apply(closed) + rng.normal(0, 0.05, points.shape), faces
+    return made
+
+
+def save_arches(folder, scans, names=("upper", "lower")):
+    """Write the arches as STL under these names; the folder."""
+    folder.mkdir(exist_ok=True)
+    for name, (points, faces) in zip(names, scans.values(), strict=False):
+        write_surface(points, faces, folder / f"{name}.stl")
+    return folder
 
 
 def write(path, values, head: Head, direction=None, spacing=None, origin=None):

@@ -5,16 +5,16 @@ import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
-from pinnochio.importing.occlusion import _beside, read_occlusion
+from pinnochio.importing.occlusion import read_occlusion
 from pinnochio.importing.segmentation import write_segmentation
-from pinnochio.model.surfaces import bone_surface, write_surface
+from pinnochio.model.surfaces import bone_surface
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import write_transforms
 from scripts.patient.import_plan import import_plan
+from tests.helpers import tools
 from tests.helpers.virtual_heads import virtual_head
 
 INTO_BITE = RigidMotion.from_degrees((2, -1, 1.5), (1.0, -5, 1.5), (0, -60, -60))
-SCANNER = RigidMotion.from_degrees((100, 40, -60), (20, 300, -50), (0, 0, 0))
 MAXILLA = RigidMotion.from_degrees((1, 0, -2), (0, -4, 2), (0, -70, -30))
 TOLERANCE = 1.0  # mm anywhere on the mandible; smooth arches of voxels of 2 mm hold less than teeth
 JAW = "mandible_distal"
@@ -27,22 +27,7 @@ def head():
 
 @pytest.fixture(scope="module")
 def arches():
-    """Points and faces of both arches, 14 mm deep, with 0.05 mm of noise."""
-    fine, rng, made = virtual_head("asymmetry", 1.5), np.random.default_rng(1), {}
-    bone = bone_surface(fine.labels, fine.spacing, fine.origin, fine.segments, 0.8)
-    jaws = {"upper": bone.part(0), "lower": bone.part(1)}
-    for (name, jaw), other in zip(jaws.items(), reversed(jaws.values()), strict=True):
-        points, faces = _beside(jaw.points, jaw.faces, other.points, 14.0)
-        closed = INTO_BITE.apply(points) if name == "lower" else points
-        made[name] = SCANNER.apply(closed) + rng.normal(0, 0.05, points.shape), faces
-    return made
-
-
-def saved(folder, arches, names=("upper", "lower")):
-    folder.mkdir(exist_ok=True)
-    for name, (points, faces) in zip(names, arches.values(), strict=False):
-        write_surface(points, faces, folder / f"{name}.stl")
-    return folder
+    return tools.arches(virtual_head("asymmetry", 1.5), INTO_BITE)
 
 
 def off(head, plan, expected) -> float:
@@ -51,14 +36,14 @@ def off(head, plan, expected) -> float:
 
 
 def test_the_mandible_goes_where_its_arch_lies(head, arches, tmp_path):
-    folder = saved(tmp_path / "final", arches, ("UpperJawScan", "LowerJawScan"))
+    folder = tools.save_arches(tmp_path / "final", arches, ("UpperJawScan", "LowerJawScan"))
     plan = read_occlusion(folder, "P", head, head.segments)
     assert off(head, plan, INTO_BITE.apply) < TOLERANCE and plan.motion("lefort1").angle == 0
     assert 0.1 < plan.motion("proximal_left").angle < 5  # it follows about its condyle
 
 
 def test_it_travels_with_a_maxilla_that_moves_too(head, arches, tmp_path):
-    folder = saved(tmp_path / "final", arches)
+    folder = tools.save_arches(tmp_path / "final", arches)
     write_transforms({"lefort1": MAXILLA, "proximal_left": RigidMotion()}, folder)
     bone = bone_surface(head.labels, head.spacing, head.origin, head.segments)
     bone.write(tmp_path / "bone.vtp")
@@ -89,4 +74,4 @@ def test_arches_that_tell_nothing_are_refused(head, arches, tmp_path, wrong):
             scans["lower"] = scans["lower"][0] + [60.0, 0, 0], scans["lower"][1]
     words = {"one": "keep two scans", "names": "keep two scans", "apart": "hardly any of it"}
     with pytest.raises(InputError, match=words.get(wrong, "registered on the teeth|hardly any")):
-        read_occlusion(saved(tmp_path / "final", scans, names), "P", head, head.segments)
+        read_occlusion(tools.save_arches(tmp_path / "final", scans, names), "P", head, head.segments)
