@@ -1,5 +1,7 @@
 """Inversion repair of a network's prediction, and its corrections up to their table, on one coarse patient."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ from tests.helpers.tables import make
 from tests.helpers.training import measured, predict_by, save_random
 
 NETWORK = network_settings(boundary_layers=1, volume_layers=2, channels=16, heads=2, neighbours=4)
-COUNTS = (1, 3, 8)
+COUNTS = (0, 1, 3, 8)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +55,7 @@ def corrected(patient, tmp_path_factory):
     write_predictions(folder / "predictions.h5", {patient.case: made})
     files = {count: str(folder / f"corrected_{count}.h5") for count in COUNTS}
     correct([patient.case], str(folder / "predictions.h5"), [patient.model], patient.fem, 1, files)
-    return {0: str(folder / "predictions.h5"), **files}
+    return files
 
 
 def test_more_corrections_come_nearer_to_the_field_in_equilibrium(patient, corrected):
@@ -61,14 +63,27 @@ def test_more_corrections_come_nearer_to_the_field_in_equilibrium(patient, corre
     with h5py.File(patient.fem_samples) as file:
         field = file["plan_0/displacement"][()]
     predictions = {count: read_prediction(path, patient.case) for count, path in corrected.items()}
-    away = [np.abs(predictions[count].displacement - field).max() for count in (0, *COUNTS)]
+    away = [np.abs(predictions[count].displacement - field).max() for count in COUNTS]
     assert away[0] > 0.1 > away[1] > away[2] >= away[3] and away[3] < 1e-4
     constrained = model.node_type != FREE
     np.testing.assert_allclose(predictions[1].displacement[constrained], field[constrained], atol=1e-12)
-    seconds = [predictions[count].seconds for count in (0, *COUNTS)]
+    seconds = [predictions[count].seconds for count in COUNTS]
     assert seconds[0] == 0.1 and (np.diff(seconds) >= 0).all() and seconds[1] > 0.1
-    assert predictions[3].setup_seconds > 0.5 and 3 <= predictions[8].iterations <= 8
+    assert predictions[3].setup_seconds == 0.5 and 3 <= predictions[8].iterations <= 8
     np.testing.assert_array_equal(predictions[8].raw, predictions[0].displacement)
+
+
+def test_seconds_are_counted_without_the_corrections_that_a_prediction_holds(patient, corrected, tmp_path):
+    """A method that is corrected once begins with its network's field here, too."""
+    network = read_prediction(corrected[0], patient.case)
+    once = replace(read_prediction(corrected[1], patient.case), seconds=5.0)
+    write_predictions(tmp_path / "once.h5", {patient.case: once})
+    files = {count: str(tmp_path / f"{count}.h5") for count in (0, 1)}
+    correct([patient.case], str(tmp_path / "once.h5"), [patient.model], patient.fem, 1, files)
+    none, again = (read_prediction(files[count], patient.case) for count in files)
+    np.testing.assert_array_equal(none.displacement, network.displacement)
+    np.testing.assert_allclose(again.displacement, once.displacement, atol=1e-9)
+    assert none.seconds < again.seconds == 5.0 and (none.iterations, again.iterations) == (0, 1)
 
 
 def test_a_declared_load_stays_on(patient, tmp_path):
@@ -109,7 +124,7 @@ def test_the_table_and_the_picture_come_from_the_fields(patient, corrected, tmp_
     arguments = {"methods": ["pinnochio"], "corrections": list(corrected), "cohort": "virtual cohort", "seed": SEED}
     make(tmp_path / "corrections.csv", "studies.corrections.table", metrics=metrics, **arguments)
     table = read_table(tmp_path / "corrections.csv", CORRECTIONS)
-    assert list(table["corrections"]) == [0, *COUNTS] and (table["inverted"] == 0).all()
+    assert list(table["corrections"]) == list(COUNTS) and (table["inverted"] == 0).all()
     residual = table["eqres_rel_mean"].to_numpy()
     assert residual[0] > 0.1 > 1e-3 > residual[2] >= residual[3] and residual[3] < 1e-6
     assert table["interface_error_mean"][1:].max() < 1e-9

@@ -1,8 +1,7 @@
 # Newton corrections between a network's field and equilibrium on its interface; not part of `all`.
 
 check_networks("corrections.methods", config["corrections"]["methods"])
-COUNTS = config["corrections"]["counts"]
-# First without correction, then after each number of them.
+COUNTS = [0, *config["corrections"]["counts"]]
 add_table(
     "corrections",
     "studies.corrections.table",
@@ -13,9 +12,9 @@ add_table(
         "metrics": [
             file
             for method in STUDY.methods.learned_in("corrections")
-            for name in ("", *(f"corrected_{count}/" for count in COUNTS))
+            for count in COUNTS
             for file in expand(
-                METRICS.replace("metrics", f"{name}metrics"),
+                METRICS.replace("metrics", f"corrected_{count}/metrics"),
                 fold=STUDY.folds.held_out,
                 method=method,
             )
@@ -29,7 +28,7 @@ add_table(
     arguments=NAMED
     | {
         "methods": STUDY.methods.learned_in("corrections"),
-        "corrections": [0, *COUNTS],
+        "corrections": COUNTS,
         "seed": SEED,
     },
 )

@@ -21,6 +21,7 @@ SHARES = tuple(0.5**halvings for halvings in range(20))
 # eigenvalues of their Hessian: some twenty of 80,000 make the tangent of a raw field indefinite, and to cut those of
 # all takes five times as long as the rest of a correction [X].
 CUT_BELOW = 0.5
+EQUILIBRIUM = 1e-2  # residual of what is given out: the face moves by hundredths of a millimetre below it [X]
 
 
 @dataclass(frozen=True)
@@ -156,13 +157,21 @@ class Corrector:
 
 
 class Finish:
-    """The end of every network's prediction on one patient: the inversion repair, then Newton corrections."""
+    """The end of every network's prediction on one patient: the inversion repair, then Newton corrections, `steps` at
+    most and none below a residual of EQUILIBRIUM."""
 
     def __init__(self, patient: PatientModel, settings: FemSettings, steps: int):
         self._patient, self._settings, self._steps, self._corrector = patient, settings, steps, None
 
     def __call__(self, displacement, boundary, forces=None, alike: bool = False) -> tuple[np.ndarray, Repair, int]:
-        """Displacement (n, 3) mm, what the inversion repair did, and how many corrections were made.
+        """Displacement (n, 3) mm, what the inversion repair did, and how many corrections were made; as of `all`."""
+        made, repair = self.all(displacement, boundary, forces, alike)
+        return made[-1].displacement, repair, len(made) - 1
+
+    def all(
+        self, displacement, boundary, forces=None, alike: bool = False, tolerance: float = EQUILIBRIUM
+    ) -> tuple[list[Correction], Repair]:
+        """The repaired field and what each correction makes of it, down to the tolerance (residual), and the repair.
 
         displacement, boundary (n, 3) mm, forces (n, 3) mN: the network's. alike: another network's field of the same
         plan was finished just before.
@@ -173,12 +182,11 @@ class Finish:
             patient.points, patient.cells, law, displacement, patient.node_type != FREE, settings.volumetric
         )
         if not self._steps:
-            return displacement, repair, 0
+            return [Correction(displacement, 0.0, np.nan, repair.least, 0.0, np.nan)], repair
         nodes, prescribed = interface(patient, boundary)
         if self._corrector is None:
             self._corrector = Corrector.of(patient, settings, nodes)
-        made = self._corrector.corrections(displacement, prescribed, self._steps, settings.tolerance, forces, alike)
-        return made[-1].displacement, repair, len(made) - 1
+        return self._corrector.corrections(displacement, prescribed, self._steps, tolerance, forces, alike), repair
 
     def close(self) -> None:
         """Release what the corrections hold."""
