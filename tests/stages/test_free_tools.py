@@ -131,6 +131,39 @@ def test_landmarks_and_planes_decide_and_are_said(head, scan, tmp_path):
         run(tmp_path, path, volume=scan, markups=unknown)
 
 
+def test_pieces_that_are_cut_already_go_before_the_rule(head, scan, imported, tmp_path):
+    """Cut steeper than by rule, as segments beside the tool's, and as files of a folder."""
+    masks = tools.structures(head)
+    x, y, z = np.indices(head.labels.shape)
+    steep, behind = z > np.argwhere(masks["skull"])[:, 2].min() + 8, y > np.argwhere(masks["mandible"])[:, 1].mean() - 4
+    left = x > head.labels.shape[0] / 2
+    made = {
+        "lefort1": np.isin(head.labels, 11) & ~masks["upper_teeth"] & ~steep,
+        "proximal_left": masks["mandible"] & behind & left,
+        "proximal_right": masks["mandible"] & behind & ~left,
+        "chin": masks["mandible"] & (z < np.argwhere(masks["mandible"])[:, 2].min() + 5) & ~behind,
+    }
+    names = ["Upper Skull", "Mandible", "Upper Teeth", "Lower Teeth", "Mandibular canal", *made]
+    layers = [tools.dental(head) == value for value in range(1, 6)] + [*made.values()]
+    path = tmp_path / "P1.seg.nrrd"
+    segments = [(name, 1, number) for number, name in enumerate(names)]
+    tools.write_seg_nrrd(
+        path, [layer.astype(np.uint8) for layer in layers], segments, np.eye(3), head.spacing, head.origin
+    )
+    (tmp_path / "segmentation").mkdir()
+    tools.write(tmp_path / "segmentation/P1.nii.gz", tools.dental(head), head)
+    for name, mask in made.items():
+        tools.write(tmp_path / f"segmentation/{name}.nii.gz", mask.astype(np.uint8), head)
+    for source in (path, tmp_path / "segmentation"):
+        said, cut = run(tmp_path, source, volume=scan, accept=True)
+        assert set(said["cuts"].values()) == {"the piece that the segmentation holds"} and len(said["cuts"]) == 4
+        for code, name in enumerate([*FOUR, "chin"], 11):
+            if name in made:
+                expected = made[name] | (masks["upper_teeth"] if name == "lefort1" else False)
+                assert agreement(cut.labels == code, expected) > 0.97, name
+        assert agreement(cut.labels == 11, imported[2].labels == 11) < 0.95
+
+
 def test_without_the_split_the_mandible_stays_whole(head, scan, tmp_path):
     path = tools.write(tmp_path / "P1.nii.gz", tools.dental(head), head)
     said = run(tmp_path, path, volume=scan, cuts=("lefort1",))[0]

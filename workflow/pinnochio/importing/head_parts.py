@@ -14,6 +14,7 @@ from scipy import ndimage
 from pinnochio.errors import InputError, refusal
 from pinnochio.importing.images import face, read_volume
 from pinnochio.importing.presets import (
+    BONE_OF,
     CANAL,
     HEAD,
     LOWER,
@@ -21,6 +22,7 @@ from pinnochio.importing.presets import (
     MANDIBLE,
     MUSCLE,
     NOTHING,
+    PIECES,
     PRESETS,
     SKULL,
     SOFT,
@@ -50,6 +52,9 @@ OPENING, APERTURE, DEPTH = 3.0, 10.0, 28.0  # mm, as the thresholds of a CT (thr
 LOOSE, COMPARABLE = 0.02, 0.2  # of the largest piece: a skull may be in pieces; a piece that is no crumb [I]
 ISLAND = 25.0  # mm between teeth of one arch, at most: what lies farther off is none [I]
 SMALLEST_HEAD = 0.3  # of the volume of the bones: less soft tissue is no face [I]
+# Which part wins where two claim a voxel.
+RANK = {UPPER_TEETH: 8, LOWER_TEETH: 8, CANAL: 4, SKULL: 4, MANDIBLE: 4, MUSCLE: 2, NOTHING: 1, SOFT: 0.4, HEAD: 0.2}
+RANK |= dict.fromkeys(PIECES.values(), 5)
 NOUN = {SKULL: "skull", MANDIBLE: "mandible"}
 
 
@@ -57,7 +62,8 @@ NOUN = {SKULL: "skull", MANDIBLE: "mandible"}
 class HeadParts:
     """parts (nx, ny, nz) uint8 of :mod:`presets` [ix, iy, iz], 0 air; spacing, origin (3,) mm, LPS; axes of the file.
 
-    soft: where the soft tissue comes from, in words; sided: whether structures that tell left from right are labelled.
+    soft: where the soft tissue comes from, in words; sided: whether structures that tell left from right are labelled;
+    pieces: of PIECES, 0 elsewhere.
     """
 
     parts: np.ndarray
@@ -66,6 +72,12 @@ class HeadParts:
     axes: str
     soft: str
     sided: bool = False
+    pieces: np.ndarray | None = None
+
+    def piece(self, name: str) -> np.ndarray | None:
+        """Voxels of a piece that is cut already (of PIECES), None where nobody has cut it."""
+        mask = None if self.pieces is None else self.pieces == PIECES[name]
+        return mask if mask is not None and mask.any() else None
 
     def uncut(self) -> np.ndarray:
         """Internal codes of the head before any cut, with the mandible as the only segment."""
@@ -97,13 +109,13 @@ def read_head_parts(
     scan = _read_scan(volume, orientation, case, refuse) if volume else None
     if scan and cropped:  # to the bones: the skin lies beyond
         grid, values, _ = _grown(grid, values, np.zeros_like(values), scan, regions, refuse)
-    spacing = grid.GetSpacing()[0]
+    pieces, values, spacing = values * (values > NOTHING), BONE_OF[values], grid.GetSpacing()[0]
     _tidy_bones(values, spacing, case)
     _drop_loose(values, loose_percent, refuse)
     bone = np.isin(values, (*UPPER, *LOWER))
     head, source = _head(values, bone, scan, volume, grid, case, refuse)
     values = _with_soft(values, bone, head, spacing, case, volume or path)
-    return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, sided)
+    return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, sided, pieces)
 
 
 def _tidy_bones(values, spacing: float, case: str) -> None:
@@ -172,16 +184,16 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
             if across.any():
                 x = grid.GetOrigin()[0] + grid.GetSpacing()[0] * np.arange(len(across))
                 centre[name] = float(across @ x / across.sum())
-            part = tool.parts[name]
-            share = share / THIN if part in (*UPPER, *LOWER) else share / 0.5
+            part = tool.all_parts[name]
+            share = share / THIN if BONE_OF[part] in (*UPPER, *LOWER) else share / 0.5
             # Teeth over bone, bone over muscle, muscle over what fills the head, each where it is at least half there.
-            better = (share >= 1) & (share * _rank(part) > weight)
-            values[better], weight[better] = part, (share * _rank(part))[better]
+            better = (share >= 1) & (share * RANK[part] > weight)
+            values[better], weight[better] = part, (share * RANK[part])[better]
     if grid is None:
         refuse("every voxel of it is 0", "save the label maps with the values that the tool writes")
     check_extent(labelled_extent(values > 0, grid.GetSpacing()), refuse)
     for part, name in NOUN.items():
-        if not (values == part).any():
+        if not (BONE_OF[values] == part).any():
             refuse(
                 f"no {name} is labelled; it holds {', '.join(centre) or 'nothing'}",
                 f"check that it is what {preset!r} writes, or choose another preset in 'labels'",
@@ -196,18 +208,11 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
     return values, grid, axes, bool(pairs), len(boxes) > 1
 
 
-def read_bone_parts(path: str | os.PathLike, case: str, preset: str) -> tuple[np.ndarray, float, np.ndarray]:
-    """Parts (nx, ny, nz) of a tool's segmentation, edge (mm) and origin (3,) mm of the grid, without soft tissue."""
-    refuse = refusal(case, path)
-    values, grid, *_ = _read_parts(path, preset, HEADER, (), refuse)
-    return values, grid.GetSpacing()[0], np.array(grid.GetOrigin())
-
-
 def bone_parts(path: str | os.PathLike, preset: str, refuse) -> Iterator[tuple[sitk.Image, np.ndarray]]:
     """Grid and bone (bool [iz, iy, ix]) of each file of a tool."""
     tool = PRESETS[preset]
     for _, image, pieces in _structures(path, tool, refuse):
-        masks = [voxels() for name, voxels in pieces if tool.parts[name] in (*UPPER, *LOWER)]
+        masks = [voxels() for name, voxels in pieces if BONE_OF[tool.all_parts[name]] in (*UPPER, *LOWER)]
         if masks:
             yield image, np.logical_or.reduce(masks)
 
@@ -235,7 +240,7 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
         called = _by_name(segments, tool, refuse_file)
         if called:
             pieces = called
-        elif stem in tool.parts:
+        elif stem in tool.all_parts:
             if len(segments) > 1:
                 refuse_file(
                     f"it holds {len(segments)} values, and its name is that of one structure",
@@ -280,21 +285,6 @@ def _by_name(segments: Sequence[Segment], tool: Preset, refuse) -> list:
                 "give each segment the tool's name, or the tool's value",
             )
     return []
-
-
-def _rank(part: int) -> float:
-    """Which part wins where two claim a voxel."""
-    return {
-        UPPER_TEETH: 8,
-        LOWER_TEETH: 8,
-        CANAL: 4,
-        SKULL: 4,
-        MANDIBLE: 4,
-        MUSCLE: 2,
-        NOTHING: 1,
-        SOFT: 0.4,
-        HEAD: 0.2,
-    }[part]
 
 
 def _on(image: sitk.Image, voxels) -> sitk.Image:

@@ -19,6 +19,7 @@ from pinnochio.model.labels import MUSCLE as MUSCLE_CODE
 
 LOG = logging.getLogger(__name__)
 GUESS = " (a guess: look at the picture)"  # ends what decided a cut that nobody has placed
+DRAWN = "the piece that the segmentation holds"
 LEFORT, SPLIT, CHIN = "lefort1", "split", "chin"
 CUTS = (LEFORT, SPLIT, CHIN)
 SIDES = {"right": -1.0, "left": 1.0}  # LPS: +x is the patient's left
@@ -67,7 +68,8 @@ def osteotomy(head: HeadParts, cuts: Sequence[str], markups: Markups, case: str,
     occlusal plane. Split: of each side what lies behind the plane called `split_left`, `split_right`; or the outer
     plate from PLATE before the last molar, and all behind LINGULA after it or above the teeth. Without the split the
     mandible stays in one piece. Chin: below the plane called `chin`, or CHIN_HEIGHT over Me, below the roots.
-    Landmarks that no markup gives (:func:`find_landmarks`) are found on the bone, and said to be. Raises InputError.
+    A piece that the segmentation holds (:data:`~pinnochio.importing.presets.PIECES`) goes before all rules. Landmarks
+    that no markup gives (:func:`find_landmarks`) are found on the bone, and said to be. Raises InputError.
     """
     refuse = refusal(case, file)
     parts, spacing = head.parts, float(head.spacing[0])
@@ -96,19 +98,27 @@ def osteotomy(head: HeadParts, cuts: Sequence[str], markups: Markups, case: str,
         bone[mask] = segment_code(len(segments))
         segments.append(name)
 
+    cuts = [*cuts, *([CHIN] if head.piece(CHIN) is not None else [])]
     if LEFORT in cuts:
-        piece, said[LEFORT] = _lefort(parts, upper, places, landmarks, planes.get(LEFORT), spacing, refuse)
-        add("lefort1", piece)
+        piece, said[LEFORT] = head.piece("lefort1"), DRAWN
+        if piece is None:
+            piece, said[LEFORT] = _lefort(parts, upper, places, landmarks, planes.get(LEFORT), spacing, refuse)
+        add("lefort1", upper & piece | (parts == UPPER_TEETH))
     chin = np.zeros(parts.shape, bool)
     rami = {}
     if SPLIT in cuts:
         for side, sign in SIDES.items():
-            plane = planes.get(f"{SPLIT}_{side}")
-            rami[side], said[f"{SPLIT}_{side}"] = _split(parts, lower, places, landmarks, sign, plane)
+            piece, why = head.piece(f"proximal_{side}"), DRAWN
+            if piece is None:
+                piece, why = _split(parts, lower, places, landmarks, sign, planes.get(f"{SPLIT}_{side}"))
+            rami[side], said[f"{SPLIT}_{side}"] = lower & piece & (parts != LOWER_TEETH), why
         _tidy(lower, rami)
     body = lower & ~np.logical_or.reduce([np.zeros_like(lower), *rami.values()])
     if CHIN in cuts:
-        chin, said[CHIN] = _chin(parts, body, places, landmarks, planes.get(CHIN))
+        chin, said[CHIN] = head.piece(CHIN), DRAWN
+        if chin is None:
+            chin, said[CHIN] = _chin(parts, body, places, landmarks, planes.get(CHIN))
+        chin &= body & (parts == MANDIBLE)
     add("mandible_distal" if rami else "mandible", body & ~chin)
     for side in ("left", "right"):
         if rami:

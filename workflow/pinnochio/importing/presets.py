@@ -9,10 +9,15 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 # Parts of a head. Bone is cut into segments later; teeth and canal belong to the bone that holds them.
 SKULL, MANDIBLE, UPPER_TEETH, LOWER_TEETH, CANAL = 1, 2, 3, 4, 5
 SOFT, HEAD, MUSCLE, NOTHING = 6, 7, 8, 9  # soft tissue; all inside the skin that is nothing else; muscle; left out
 UPPER, LOWER = (SKULL, UPPER_TEETH), (MANDIBLE, LOWER_TEETH, CANAL)
+# Pieces that a surgeon has cut already, beside what any tool writes; and the bone that each part is of.
+PIECES = {"lefort1": 10, "mandible_distal": 11, "proximal_left": 12, "proximal_right": 13, "chin": 14}
+BONE_OF = np.array([*range(10), SKULL, *[MANDIBLE] * 4], np.uint8)
 # Other names of structures, as the tools' modules for 3D Slicer write them [R].
 OTHER_NAMES = {
     **dict.fromkeys(("maxillaupperskull", "upperskullmaxilla", "skull"), "upper_skull"),
@@ -39,15 +44,20 @@ class Preset:
         for number, tooth in enumerate(TOOTH, 1):
             words = words.replace(tooth, str(number))
         words = re.sub(r"[\W_]", "", words)
-        known = {re.sub(r"[\W_]", "", part.lower()): part for part in self.parts}
+        known = {re.sub(r"[\W_]", "", part.lower()): part for part in self.all_parts}
         other = OTHER_NAMES.get(words)
         return known.get(words, other if other in self.parts else None)
 
     @property
+    def all_parts(self) -> dict[str, int]:
+        """The part of each structure and of pieces that are cut already."""
+        return {**self.parts, **PIECES}
+
+    @property
     def sides(self) -> list[tuple[str, str]]:
         """Structures that lie on the left, each with its counterpart on the right."""
-        pairs = [(name, name.replace("left", "right")) for name in self.parts if "left" in name]
-        return [pair for pair in pairs if pair[1] in self.parts]
+        pairs = [(name, name.replace("left", "right")) for name in self.all_parts if "left" in name]
+        return [pair for pair in pairs if pair[1] in self.all_parts]
 
 
 def _five() -> Preset:
