@@ -154,6 +154,7 @@ rule predict_plan:
         folds=INPUTS.prediction.of_ensemble("folds"),
         predictor=INPUTS.prediction.predictor,
         settings=INPUTS.prediction.of_ensemble("settings"),
+        fallback=INPUTS.prediction.fallback,
         fem=INPUTS.patient.setting("fem"),
         corrections=lambda wildcards: STUDY.choice.corrections,
         archive=lambda wildcards: STUDY.choice.folder,

@@ -39,7 +39,7 @@ def certify(
 ) -> None:
     """Write the certificate as JSON.
 
-    about: case, plan (its name), method, corrections, code.
+    about: case, plan (its name), method, corrections, code, and the method whose place it takes (`instead_of`), if any.
     folder: the archive of a learned method, else None.
     """
     patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])
@@ -62,7 +62,10 @@ def certify(
     if folder:
         archive, calibration = Archive.read(folder), Calibration.read(Path(folder) / calibration_file(about["method"]))
         content["models"] = {key: getattr(archive, key) for key in ("cohort", "patients", "configuration", "code")}
-        content["models"] |= {"folds": len(archive.folds), "usual": archive.methods[about["method"]]["usual"]}
+        content["models"] |= {
+            "folds": len(archive.folds),
+            "usual": archive.methods.get(about["method"], {"usual": {}})["usual"],
+        }
         content["in_distribution"] = in_distribution(
             patient=patient, plan=planned, quality=imported, ranges=Ranges.read(Path(folder) / RANGES)
         )

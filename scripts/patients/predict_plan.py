@@ -3,9 +3,14 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.patients.model_archive import RANGES, calibration_file
+from pinnochio.model.patient import PatientModel
+from pinnochio.patients.certificate import in_distribution
+from pinnochio.patients.in_distribution import Ranges
+from pinnochio.patients.model_archive import FALLBACK, RANGES, calibration_file
+from pinnochio.plans.plan import Plan
 from pinnochio.stages import Stages
 from pinnochio.training.device import device_of
 from scripts.patients.certify import certify
@@ -25,26 +30,37 @@ def predict_plan(
     lifts: Sequence[str],
     covariates: Sequence[str],
     archive: str | None,
+    fallback: Mapping[str, object],
     outputs: Mapping[str, str],
 ) -> None:
     """Run the stages one after another: prediction (with its interval, of networks), certificate, page, files.
 
+    A patient or plan unlike the networks' training is predicted by finite elements in their place, where the archive
+    says how near these come.
+
     about: as :func:`~scripts.patients.certify.certify` takes it; planned: files model and plan; method: predictor, its
-    settings, device and threads; networks: file by fold, none of a method that learns nothing; archive: folder of
-    the networks' archive; outputs: files result, certificate, measures, page, mesh, and of
-    networks ensemble and picture.
+    settings, device and threads; networks: file by fold, none of a method that learns nothing; archive: folder of the
+    networks' archive; fallback: predictor and settings of FALLBACK; outputs: files result, certificate, measures, page,
+    mesh, and of networks ensemble and picture.
     """
     case, result = about["case"], outputs["result"]
-    named = {"case": case}
+    named, ranges = {"case": case}, {"quality": quality, "ranges": str(Path(archive or "") / RANGES)}
+    names = list(networks) or [case]
+    if (
+        networks
+        and (Path(archive) / calibration_file(FALLBACK)).is_file()
+        and not like_training(case, **planned, **ranges)
+    ):
+        about = dict(about) | {"method": FALLBACK, "instead_of": about["method"], "corrections": 0}
+        method, names, networks, lifts, covariates = {**method, **fallback}, [FALLBACK], {}, [], []
     with Stages(Path(result).with_name(".predict_plan.json")) as stages:
         read = {"models": [planned["model"]], "plans": [planned["plan"]], "trained": list(networks.values())}
         read |= {"lifts": lifts, "truths": [], "covariates": covariates}
-        made = {"predictions": outputs["ensemble"] if networks else result}
-        stages(predict, read, made, {"names": list(networks) or [case], "cases": [case], "warm": False, **method})
-        if networks:
-            read = {**planned, "ensemble": outputs["ensemble"], "quality": quality}
+        made = {"predictions": outputs["ensemble"] if archive else result}
+        stages(predict, read, made, {"names": names, "cases": [case], "warm": False, **method})
+        if archive:
             calibration = str(Path(archive) / calibration_file(about["method"]))
-            read |= {"calibration": calibration, "ranges": str(Path(archive) / RANGES)}
+            read = {**planned, **ranges, "ensemble": outputs["ensemble"], "calibration": calibration}
             stages(predict_interval, read, {"result": result}, {**named, "fem": fem})
         read = {**planned, "quality": quality, "result": result, "folder": archive}
         certificate = {"certificate": outputs["certificate"]}
@@ -52,9 +68,15 @@ def predict_plan(
         shown = {name: outputs[name] for name in ("measures", "page")}
         stages(show_prediction, {**planned, **certificate, "result": result}, shown, named)
         export_prediction(case=case, **planned, result=result, folder=str(Path(outputs["mesh"]).parent))
-        if networks:
+        if archive:
             read = {"model": planned["model"], "result": result, "calibration": calibration}
             stages(show_interval, read, {"picture": outputs["picture"]}, named)
+
+
+def like_training(case: str, model: str, plan: str, quality: str, ranges: str) -> bool:
+    """Whether patient and plan are like those of the training."""
+    patient, planned, known = PatientModel.read(model), Plan.read(plan, case), Ranges.read(ranges)
+    return in_distribution(patient, planned, read_stored_json(quality), known)["within"]
 
 
 if __name__ == "__main__":
@@ -73,5 +95,6 @@ if __name__ == "__main__":
         lifts=files.lifts,
         covariates=files.covariates,
         archive=params.archive,
+        fallback=params.fallback,
         outputs=dict(snakemake.output.items()),
     )

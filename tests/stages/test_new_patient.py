@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.patients.certificate import in_words
 from pinnochio.patients.face_measures import TABLE
-from pinnochio.patients.model_archive import Archive
+from pinnochio.patients.model_archive import FALLBACK, Archive, calibration_file
 from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as in_words_of
@@ -24,6 +25,7 @@ from pinnochio.statistics.intervals import Calibration, Interval
 from scripts.patients.certify import certify
 from scripts.patients.export_prediction import export_prediction
 from scripts.patients.pack import pack
+from scripts.patients.predict_plan import predict_plan
 from scripts.patients.show_prediction import show_prediction
 from tests.helpers.settings import CONFIG, SEGMENTS
 
@@ -113,6 +115,58 @@ def test_a_plan_of_an_unknown_kind_is_called_unlike(patient, archive, result, tm
     said = certified(patient, archive, result, tmp_path, plan=str(tmp_path / "plan.json"))
     assert not said["in_distribution"]["within"] and said["in_distribution"]["anatomy"]["within"]
     assert said["in_distribution"]["plan"]["outside"][0].startswith("forward_upper_")
+
+
+@pytest.mark.parametrize("alike", [False, True])
+def test_finite_elements_stand_in_for_networks_that_were_trained_on_others(patient, archive, alike, tmp_path):
+    """The networks here are none: where they are asked, the prediction fails."""
+    shutil.copytree(archive[0], folder := tmp_path / "packed")
+    width = dict.fromkeys(NAMES, 2.5)
+    (folder / FALLBACK).mkdir()
+    Calibration(FALLBACK, 0.9, 2, 2, width, dict.fromkeys(NAMES, 0.1)).write(folder / calibration_file(FALLBACK))
+    ranges = json.loads((folder / "ranges.json").read_text())
+    ranges["segments"] = list(SEGMENTS) if alike else ["chin"]
+    (folder / "ranges.json").write_text(json.dumps(ranges))
+    Archive.read(archive[0]).write(folder)
+    names = {"result": "interval.h5", "ensemble": "ensemble.h5", "certificate": "certificate.json"}
+    names |= {"page": "index.html", "measures": "measures.csv", "mesh": "deformed.vtu", "picture": "interval.png"}
+    settings = {"fem": vars(patient.fem)}
+
+    def predict():
+        predict_plan(
+            about={"case": patient.case, "plan": "first", "method": METHOD, "corrections": 1, "code": "def"},
+            planned={"model": patient.model, "plan": patient.plan},
+            quality=archive[1][0],
+            fem=patient.fem,
+            method={
+                "predictor": "pinnochio.methods.pinnochio.predictor:GraphPredictor",
+                "settings": settings | {"newton_corrections": 1},
+                "device": "cpu",
+                "threads": 1,
+            },
+            networks={fold: str(folder / METHOD / f"{fold}.pt") for fold in "12"},
+            lifts=[],
+            covariates=[patient.covariates],
+            archive=str(folder),
+            fallback={
+                "predictor": "pinnochio.methods.finite_elements:FiniteElementPredictor",
+                "settings": settings | {"contact": "mucosa"},
+            },
+            outputs={key: str(tmp_path / name) for key, name in names.items()},
+        )
+
+    if alike:
+        with pytest.raises(Exception, match=r"1\.pt"):
+            predict()
+        return
+    predict()
+    said = json.loads((tmp_path / "certificate.json").read_text())
+    assert (said["method"], said["instead_of"]) == (FALLBACK, METHOD) and said["solution"]["solver"]
+    assert not said["in_distribution"]["within"] and said["interval"]["median_mm"] >= 2.5
+    assert said["measures"]["eqres_rel"] < 1e-2
+    assert "Sliding FEM</b>: patient or plan is unlike those that" in (tmp_path / "index.html").read_text()
+    speaking_against = {row.what for row in in_words(said) if row.good is False or row.bad}
+    assert not speaking_against & {"Bone segments", "Anatomy", "Plan", "Muscle layer"}
 
 
 def test_a_method_without_training_has_neither_interval_nor_likeness(patient, archive, tmp_path):

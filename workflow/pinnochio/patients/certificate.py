@@ -152,7 +152,9 @@ def in_words(certificate: Mapping) -> list[Finding]:
     return [
         *rows,
         _interval_row(certificate["interval"], certificate["in_distribution"]["within"]),
-        *_distribution_rows(certificate["in_distribution"], certificate["models"]["cohort"]),
+        *_distribution_rows(
+            certificate["in_distribution"], certificate["models"]["cohort"], "instead_of" not in certificate
+        ),
     ]
 
 
@@ -344,12 +346,15 @@ def _interval_row(interval: Mapping, within: bool) -> Finding:
     )
 
 
-def _distribution_rows(compared: Mapping, cohort: str) -> list[Finding]:
+def _distribution_rows(compared: Mapping, cohort: str, learned: bool) -> list[Finding]:
+    """learned: whether it matters, as what is shown was learned from the training."""
     rows = []
     for name, title in (("segments", "Bone segments"), ("muscle", "Muscle layer")):
         value, trained = (compared[name][key] for key in ("value", "trained"))
         value = value if isinstance(value, str) else ", ".join(value)
-        rows.append(Finding(title, value, f"In training: {', '.join(trained)}.", compared[name]["within"]))
+        rows.append(
+            Finding(title, value, f"In training: {', '.join(trained)}.", compared[name]["within"] if learned else None)
+        )
     for name, title in (("anatomy", "Anatomy"), ("plan", "Plan")):
         part = compared[name]
         outside, quantities = part["outside"], part["quantities"]
@@ -365,5 +370,5 @@ def _distribution_rows(compared: Mapping, cohort: str) -> list[Finding]:
         far = part["farthest"] - part["threshold"] > FAR
         value = "like the training's" if part["within"] else "beyond the training's"
         value = "far beyond the training's" if far else value
-        rows.append(Finding(title, value, meaning, part["within"], far))
+        rows.append(Finding(title, value, meaning, part["within"], far) if learned else Finding(title, value, meaning))
     return rows

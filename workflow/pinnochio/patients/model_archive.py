@@ -10,6 +10,7 @@ from pinnochio.errors import InputError
 from pinnochio.manifest import CHECKSUM, MANIFEST, read_manifest, write_manifest
 
 RANGES = "ranges.json"
+FALLBACK = "fem_sliding"  # what predicts a patient or plan unlike the networks' training
 # Sections of the configuration that say what the networks read; a patient is made with those of the archive.
 READ_BY_NETWORKS = ("mesh", "interfaces", "fem", "lift")
 

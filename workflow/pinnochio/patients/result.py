@@ -45,6 +45,8 @@ def of_ensemble(path: str | os.PathLike, repair: Repair) -> Solution:
     """The solution of the models' predictions in a file, whose mean field was repaired."""
     with reading(path) as file:
         models = [dict(group.attrs) for group in file.values()]
+    if (solved := models[0]).get("reason", Prediction.reason) != Prediction.reason:  # finite elements in their place
+        return Solution(True, bool(solved["converged"]), solved["reason"], int(solved["iterations"]), solved["load"])
     repaired, damping = ([model.get(name, np.nan) for model in models] for name in ("repaired", "damping"))
     return Solution(
         converged=all(bool(model.get("converged", True)) for model in models),

@@ -140,7 +140,9 @@ def interval(patient: PatientModel, displacements, calibration: Calibration, reg
             "lower uncertainty.level, or scan more patients",
         )
     z = ndtri(0.5 + calibration.level / 2)
-    excess = np.maximum(skin_spread(patient, displacements) ** 2 - usual[region] ** 2, 0)
+    excess = np.zeros(len(region))  # one model agrees with itself
+    if len(displacements) > 1:
+        excess = np.maximum(skin_spread(patient, displacements) ** 2 - usual[region] ** 2, 0)
     mean = displacements.mean(axis=0)
     spread = np.sqrt(np.sum((displacements - mean) ** 2, axis=2).mean(axis=0))
     return Interval(mean, spread, np.sqrt(q[region] ** 2 + z**2 * excess), region)

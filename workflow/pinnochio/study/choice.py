@@ -9,7 +9,7 @@ from pinnochio.errors import InputError
 from pinnochio.manifest import MANIFEST
 from pinnochio.methods.registry import BUILT_IN
 from pinnochio.overlays import overlaid
-from pinnochio.patients.model_archive import RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
+from pinnochio.patients.model_archive import FALLBACK, RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
 
 WITHOUT_MODELS = [method.name for method in BUILT_IN if method.new_patients and method.trains == "no"]
 
@@ -33,8 +33,11 @@ class Choice:
     @property
     def files(self) -> list[str]:
         """What a certificate reads of the archive."""
-        named = (MANIFEST, RANGES, calibration_file(self.method))
-        return [str(Path(self.folder) / name) for name in named] if self.folder else []
+        if not self.folder:
+            return []
+        named = [Path(self.folder) / name for name in (MANIFEST, RANGES, calibration_file(self.method))]
+        other = Path(self.folder) / calibration_file(FALLBACK)
+        return [str(path) for path in named] + [str(other)] * other.is_file()
 
 
 def choose(config: Mapping, models: str | os.PathLike) -> Choice:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from pinnochio.errors import InputError
-from pinnochio.patients.model_archive import configuration_hash
+from pinnochio.patients.model_archive import FALLBACK, configuration_hash
 from pinnochio.study.patients import Patient
 from pinnochio.study.provenance import PLACES
 from pinnochio.study.study import Study
@@ -24,8 +24,8 @@ class NewPatientInputs:
 
     @property
     def packed_intervals(self) -> list[str]:
-        """Methods whose calibration is packed: those above, and finite elements, whose faces answer wishes."""
-        return [*self.packed, *(name for name in self.study.methods.calibrated if name == "fem_sliding")]
+        """Methods whose calibration is packed: those above, and finite elements, which stand in and answer wishes."""
+        return [*self.packed, *(name for name in self.study.methods.calibrated if name == FALLBACK)]
 
     @property
     def configuration(self) -> str:

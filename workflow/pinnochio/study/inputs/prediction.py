@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pinnochio.errors import InputError
 from pinnochio.methods.registry import GRAPH_NETWORK, registry
+from pinnochio.patients.model_archive import FALLBACK
 from pinnochio.study.study import STUDY_FILES, Study, filled
 
 TRAINED = {"no": "", "at once": "fitted.h5", "by steps": "network.pt"}  # what training leaves
@@ -115,6 +116,11 @@ class PredictionInputs:
     def of_ensemble(self, name: str) -> Callable:
         """Input or params function: one entry of :meth:`ensemble`."""
         return lambda wildcards: getattr(self.ensemble(wildcards), name)
+
+    def fallback(self, wildcards) -> dict:
+        """Predictor and settings of what stands in for networks."""
+        other = registry(self.study.patient(wildcards).config)[FALLBACK]
+        return {"predictor": other.predictor, "settings": predicting(other.settings)}
 
     def ensemble(self, wildcards) -> Ensemble:
         """Of every fold of the study, or of the archive that was chosen for the patient."""
