@@ -3,14 +3,16 @@
 REGISTERED = "none" if STUDY.cohort.virtual else STUDY.wildcards["case"]
 
 
-# Segmentation and plan of a case, in one job: a wrong plan is refused before the dearer stages.
+# All that is brought of a case before surgery, in one job: a wrong plan is refused before the dearer stages.
 rule import_case:
     input:
         segmentation=INPUTS.patient.file("segmentation"),
         volume=INPUTS.patient.file("volume"),
         markups=INPUTS.patient.markups,
         source=INPUTS.patient.plan,
+        described=INPUTS.patient.file("covariates_file"),
     output:
+        covariates=update("<results>/cases/{case}/covariates.json"),
         labels=update("<results>/cases/{case}/labels.nii.gz"),
         bone=update("<results>/cases/{case}/bone.vtp"),
         skin=update("<results>/cases/{case}/skin.vtp"),
@@ -33,16 +35,17 @@ rule import_case:
         cuts=config["osteotomy"]["cuts"],
         accept=config["osteotomy"]["accept"],
         unlabelled_muscle=config["unlabelled_muscle"],
-        bone_edge=INPUTS.patient.setting("mesh", "bone_edge"),
+        bone_edge=config["mesh"]["bone_edge"],
         limit=config["registration"]["segment_limit"],
         share=config["registration"]["segment_share"],
-        # The plan of a new patient's folder is the patient's, whatever case it names; what is odd was said before.
-        foreign=lambda wildcards: wildcards.get("home") == "patients",
+        foreign=False,
+        known=INPUTS.patient.covariates,
         content=content(
             INPUTS.patient.file("segmentation"),
             INPUTS.patient.file("volume"),
             INPUTS.patient.markups,
             INPUTS.patient.plan,
+            INPUTS.patient.file("covariates_file"),
         ),
         code=code_of("scripts.patient.import_case"),
     message:
@@ -69,6 +72,8 @@ use rule import_case as import_segmentation with:
     wildcard_constraints:
         home="patients",
     params:
+        bone_edge=INPUTS.patient.setting("mesh", "bone_edge"),
+        known=None,
         content=content(
             INPUTS.patient.file("segmentation"),
             INPUTS.patient.file("volume"),
@@ -96,6 +101,9 @@ use rule import_case as import_plan with:
         mem_mb=3000,
         runtime=10,
     params:
+        # The plan of a new patient's folder is the patient's, whatever case it names; what is odd was said before.
+        foreign=True,
+        known=None,
         content=content(INPUTS.patient.plan),
     message:
         "Import the plan of {wildcards.case}{wildcards.plan}"
@@ -232,40 +240,30 @@ use rule follow_up as choose_samples with:
         "Choose where {wildcards.case} is judged"
 
 
-rule import_covariates:
+use rule import_case as import_covariates with:
     input:
-        source=INPUTS.patient.file("covariates_file"),
+        described=INPUTS.patient.file("covariates_file"),
     output:
-        covariates="<results>/{home}/{case}/covariates.json",
+        covariates=update("<results>/{home}/{case}/covariates.json"),
     log:
         "<logs>/import_covariates/{home}/{case}.log",
-    conda:
-        "../envs/pinnochio.yaml"
+    benchmark:
+        "<benchmarks>/import_covariates/{home}/{case}.tsv"
+    wildcard_constraints:
+        home="patients",
     resources:
         mem_mb=500,
         runtime=5,
     params:
-        known=INPUTS.patient.covariates,
-        code=code_of("scripts.patient.import_covariates"),
+        content=content(INPUTS.patient.file("covariates_file")),
     message:
         "Write down what else is known of {wildcards.case}"
-    script:
-        "../scripts/patient/import_covariates.py"
 
 
 # Every file that a user gave has been read and checked before any heavy work starts.
 rule check_cohort:
     input:
-        imports=expand("<results>/cases/{case}/import.json", case=STUDY.cohort.cases),
-        plans=expand("<results>/cases/{case}/plan.json", case=STUDY.cohort.cases),
-        postops=expand(
-            "<results>/cases/{case}/postop.h5",
-            case=[] if STUDY.cohort.virtual else STUDY.cohort.scanned,
-        ),
-        achieved=expand(
-            "<results>/cases/{case}/achieved.json",
-            case=[] if STUDY.cohort.virtual else STUDY.cohort.registered,
-        ),
+        folders=INPUTS.gathered.imported,
     output:
         table=ensure("<results>/cohort.csv", non_empty=True),
     log:
@@ -279,7 +277,7 @@ rule check_cohort:
         cases=list(STUDY.cohort.cases),
         code=code_of("scripts.patient.check_cohort"),
     message:
-        "All {input.imports} are read and checked"
+        "All files of the cohort are read and checked"
     script:
         "../scripts/patient/check_cohort.py"
 
@@ -310,11 +308,11 @@ rule model_case:
         mem_mb=lambda wildcards, input: 4000 + 60 * millions(input.labels),
         runtime=120,
     params:
-        nodes=INPUTS.patient.nodes,
-        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
-        interfaces=INPUTS.patient.setting("interfaces"),
-        controls=INPUTS.patient.setting("lift", "controls"),
-        fem=INPUTS.patient.setting("fem"),
+        nodes=config["mesh"]["nodes"],
+        minimum_dihedral=config["mesh"]["minimum_dihedral"],
+        interfaces=config["interfaces"],
+        controls=config["lift"]["controls"],
+        fem=config["fem"],
         lip_edge=config["fem_rlse"]["lip_edge"],
         plans=config["fem_samples"]["plans"],
         seed=SEED,
@@ -344,6 +342,12 @@ use rule model_case as model_patient with:
         "<benchmarks>/model_patient/{home}/{case}.tsv"
     wildcard_constraints:
         home="patients",
+    params:
+        nodes=INPUTS.patient.nodes,
+        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
+        interfaces=INPUTS.patient.setting("interfaces"),
+        controls=INPUTS.patient.setting("lift", "controls"),
+        fem=INPUTS.patient.setting("fem"),
 
 
 # On another mesh than the study's.
@@ -361,6 +365,12 @@ use rule model_case as model_sized with:
         "<logs>/model_sized/{home}/{case}_{nodes}.log",
     benchmark:
         "<benchmarks>/model_sized/{home}/{case}_{nodes}.tsv"
+    params:
+        nodes=INPUTS.patient.nodes,
+        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
+        interfaces=INPUTS.patient.setting("interfaces"),
+        controls=INPUTS.patient.setting("lift", "controls"),
+        fem=INPUTS.patient.setting("fem"),
     message:
         "Mesh and label {wildcards.case} with {wildcards.nodes} nodes"
 
@@ -375,6 +385,8 @@ rule make_lift:
         "<logs>/make_lift/{home}/{case}{mesh}.log",
     benchmark:
         "<benchmarks>/make_lift/{home}/{case}{mesh}.tsv"
+    wildcard_constraints:
+        mesh=INPUTS.patient.without_lift,
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -388,9 +400,6 @@ rule make_lift:
         "Make the lift of {wildcards.case}{wildcards.mesh}"
     script:
         "../scripts/patient/make_lift.py"
-
-
-ruleorder: model_case > model_patient > make_lift
 
 
 rule meshes:

@@ -1,7 +1,32 @@
+# What trainings and predictions read of the patients that a fold holds out: a folder per kind of file.
+rule gather:
+    input:
+        INPUTS.gathered.files,
+    output:
+        folder=directory("<results>/held_out/{fold}/{kind}"),
+    log:
+        "<logs>/gather/{fold}_{kind}.log",
+    wildcard_constraints:
+        fold=any_of(STUDY.folds.held_out),
+        kind="[a-z]+",
+    conda:
+        "../envs/pinnochio.yaml"
+    resources:
+        mem_mb=500,
+        runtime=10,
+    params:
+        names=INPUTS.gathered.names,
+        code=code_of("scripts.prediction.gather"),
+    message:
+        "Gather files of fold {wildcards.fold}: {wildcards.kind}"
+    script:
+        "../scripts/prediction/gather.py"
+
+
 # Predicts and judges. One core each, so that their seconds compare; undisturbed ones are those of the trade-off.
 rule predict_cases:
     input:
-        unpack(INPUTS.prediction.of_one),
+        unpack(INPUTS.prediction.gathered),
     output:
         predictions=update("<results>/{batch}/{method}/predictions.h5"),
         metrics=ensure(update("<results>/{batch}/{method}/metrics.csv"), non_empty=True),
@@ -37,7 +62,7 @@ rule predict_cases:
 # The same patients from their plans too, in one job.
 use rule predict_cases as predict_both_motions with:
     input:
-        unpack(INPUTS.prediction.of_both),
+        unpack(INPUTS.prediction.gathered),
     output:
         **{
             f"{arm}_{name.partition('.')[0]}": update(

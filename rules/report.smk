@@ -14,6 +14,8 @@ rule render_volume:
         picture=captioned("<results>/figures/{case}_volume.png", "volume"),
     log:
         "<logs>/render_volume/{case}.log",
+    wildcard_constraints:
+        case=any_of(STUDY.cohort.cases),
     conda:
         "../envs/pinnochio.yaml"
     resources:

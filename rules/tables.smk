@@ -1,12 +1,8 @@
 # What others have predicted, and what is corrected afterwards.
 rule evaluate:
     input:
+        unpack(INPUTS.prediction.gathered),
         predictions="<results>/{batch}/{method}{corrected}/predictions.h5",
-        models=INPUTS.prediction.of_batch("models"),
-        plans=INPUTS.prediction.of_batch("plans"),
-        postops=INPUTS.prediction.of_batch("postops"),
-        judged=INPUTS.prediction.of_batch("judged"),
-        motions=INPUTS.prediction.of_batch("motions"),
     output:
         metrics=ensure(
             "<results>/{batch}/{method}{corrected}/metrics.csv", non_empty=True
@@ -101,6 +97,8 @@ rule render_case:
         view="<results>/figures/{case}.json",
     log:
         "<logs>/render_case/{case}.log",
+    wildcard_constraints:
+        case=any_of(STUDY.cohort.cases),
     conda:
         "../envs/pinnochio.yaml"
     resources:

@@ -1,9 +1,9 @@
 # Training comes first where it can, pretraining before all: short jobs fill the cores at the end.
 rule pretrain:
     input:
-        models=INPUTS.training.of_cases("<results>/cases/{case}/model.h5"),
-        lifts=INPUTS.training.lifts,
-        fem_samples=INPUTS.training.of_cases("<results>/cases/{case}/fem_samples.h5"),
+        models=INPUTS.training.gathered("model"),
+        lifts=INPUTS.training.gathered("lift"),
+        samples=INPUTS.training.gathered("samples"),
     output:
         network=update("<results>/folds/{fold}/{method}/pretrained.pt"),
         history=update("<results>/folds/{fold}/{method}/pretraining.csv"),
@@ -35,11 +35,10 @@ rule pretrain:
 rule finetune:
     input:
         network=INPUTS.training.pretrained,
-        models=INPUTS.training.of_cases("<results>/cases/{case}/model.h5"),
-        lifts=INPUTS.training.lifts,
-        plans=INPUTS.training.motions,
-        postops=INPUTS.training.of_cases("<results>/cases/{case}/postop.h5"),
-        covariates=INPUTS.training.covariates,
+        models=INPUTS.training.gathered("model"),
+        lifts=INPUTS.training.gathered("lift"),
+        scans=INPUTS.training.gathered("scan"),
+        covariates=INPUTS.training.gathered("covariates"),
     output:
         network=update("<results>/folds/{fold}/{method}/network.pt"),
         history=update("<results>/folds/{fold}/{method}/finetuning.csv"),
@@ -98,11 +97,10 @@ rule take_network:
 
 rule fit:
     input:
-        models=INPUTS.training.of_cases("<results>/cases/{case}/model.h5"),
-        fem_samples=INPUTS.training.of_cases("<results>/cases/{case}/fem_samples.h5"),
-        plans=INPUTS.training.motions,
-        postops=INPUTS.training.of_cases("<results>/cases/{case}/postop.h5"),
-        covariates=INPUTS.training.covariates,
+        models=INPUTS.training.gathered("model"),
+        samples=INPUTS.training.gathered("samples"),
+        scans=INPUTS.training.gathered("scan"),
+        covariates=INPUTS.training.gathered("covariates"),
     output:
         fitted=update("<results>/folds/{fold}/{method}/fitted.h5"),
     log:

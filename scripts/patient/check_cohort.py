@@ -4,6 +4,7 @@ import csv
 from collections.abc import Sequence
 
 from pinnochio.files import replacing
+from pinnochio.gathered import gathered
 from pinnochio.importing.repair import repaired_voxels
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
@@ -26,4 +27,6 @@ def check_cohort(cases: Sequence[str], reports: Sequence[str], table: str) -> No
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    check_cohort(cases=snakemake.params.cases, reports=snakemake.input.imports, table=snakemake.output.table)
+    files, cases = snakemake.input, snakemake.params.cases
+    reports = files.get("imports") or gathered(files.folders, cases, "import.json")
+    check_cohort(cases=cases, reports=reports, table=snakemake.output.table)

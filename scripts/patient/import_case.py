@@ -1,10 +1,11 @@
-"""Makes of what is brought of a patient before surgery: labels and surfaces of the segmentation, the checked plan."""
+"""Makes of what is brought of a patient: labels and surfaces, the checked plan, what else is known."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
 from pinnochio.logs import attach_log
 from pinnochio.stages import Stages
+from scripts.patient.import_covariates import import_covariates
 from scripts.patient.import_plan import import_plan
 from scripts.patient.import_segmentation import import_segmentation
 
@@ -12,14 +13,24 @@ SEGMENTED = ("labels", "bone", "skin", "report")
 
 
 def import_case(
-    case: str, files: Mapping[str, object], outputs: Mapping[str, str], scan: Mapping, plan: Mapping, record: str
+    case: str,
+    files: Mapping[str, object],
+    outputs: Mapping[str, str],
+    scan: Mapping,
+    plan: Mapping,
+    known: Mapping | None,
+    record: str,
 ) -> None:
-    """Run the stages whose outputs are named: those of SEGMENTED, then plan.
+    """Run the stages whose outputs are named: covariates; those of SEGMENTED; plan.
 
-    files: segmentation, volume, markups, source (of the plan), and bone and labels where they are not made here;
-    scan, plan: settings of :func:`import_segmentation` and :func:`import_plan`.
+    files: segmentation, volume, markups, source (of the plan), described (of covariates), and bone and labels where
+    they are not made here; scan, plan: settings of :func:`import_segmentation` and :func:`import_plan`; known: as of
+    :func:`import_covariates`.
     """
     with Stages(record) as stages:
+        if "covariates" in outputs:
+            read = {"source": files["described"] if known is None else None}
+            stages(import_covariates, read, {"covariates": outputs["covariates"]}, {"known": known})
         if "labels" in outputs:
             read = {name: files[name] for name in ("segmentation", "volume", "markups")}
             made = {name: outputs[name] for name in SEGMENTED}
@@ -40,5 +51,6 @@ if __name__ == "__main__":
         scan=scan
         | {"label_values": params.labels, "segments": tuple(params.segments), "repair_limit": params.repair["limit"]},
         plan={"label_values": params.labels} | {name: params[name] for name in ("limit", "share", "foreign")},
+        known=params.get("known"),
         record=Path(snakemake.output[0]).with_name(".import_case.json"),
     )

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pinnochio.files import replacing
 from pinnochio.importing.cohort import COVARIATES
 from pinnochio.json_text import read_stored_json
-from pinnochio.logs import attach_log
 
 
 def import_covariates(known: Mapping | None, source: str | None, covariates: str) -> None:
@@ -17,12 +16,3 @@ def import_covariates(known: Mapping | None, source: str | None, covariates: str
     known = read_stored_json(source) if known is None else known
     with replacing(covariates) as temporary:
         temporary.write_text(json.dumps({name: known.get(name) for name in COVARIATES}, indent=1) + "\n", "utf-8")
-
-
-if __name__ == "__main__":
-    attach_log(snakemake.log[0])
-    import_covariates(
-        known=snakemake.params.known,
-        source=snakemake.input.get("source") or None,
-        covariates=snakemake.output.covariates,
-    )

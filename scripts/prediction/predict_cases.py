@@ -7,7 +7,7 @@ from pinnochio.logs import attach_log
 from pinnochio.stages import Stages
 from pinnochio.training.device import device_of
 from scripts.prediction.predict import predict
-from scripts.tables.evaluate import evaluate, judging
+from scripts.tables.evaluate import evaluate, files_of, judging
 
 OUTPUTS = ("predictions", "metrics", "skins")
 
@@ -25,26 +25,24 @@ def predict_cases(
     """
     with Stages(Path(motions[0][1]["predictions"]).with_name(".predict_cases.json")) as stages:
         for plans, outputs in motions:
-            predictions, measured = (
-                {"predictions": outputs["predictions"]},
-                {name: outputs[name] for name in OUTPUTS[1:]},
-            )
+            predictions = {"predictions": outputs["predictions"]}
+            measured = {name: outputs[name] for name in OUTPUTS if name not in predictions}
             stages(predict, {**read, "plans": plans}, predictions, method)
             stages(evaluate, {**judged["files"], "plans": plans, **predictions}, measured, judged["settings"])
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    files, made, params = snakemake.input, snakemake.output, snakemake.params
+    made, params = dict(snakemake.output.items()), snakemake.params
+    files, arms = files_of(job=snakemake), {"folds_": "executed", "planned_": "planned"}
+    if "predictions" in made:
+        arms = {"": "plans"}
     device = device_of(params.predictor, snakemake.resources.gpu, snakemake.threads)
     method = {"predictor": params.predictor, "settings": params.settings, "device": device}
     named = {"names": params.cases, "cases": params.cases}
-    motions = [(files.plans, {name: made.get(name) or made[f"folds_{name}"] for name in OUTPUTS})]
-    if planned := files.get("planned"):
-        motions.append((planned, {name: made[f"planned_{name}"] for name in OUTPUTS}))
     predict_cases(
-        read={name: files.get(name, []) for name in ("models", "trained", "lifts", "truths", "covariates")},
+        read={name: files[name] for name in ("models", "trained", "lifts", "truths", "covariates")},
         method=method | named | {"threads": snakemake.threads},
-        judged=judging(job=snakemake),
-        motions=motions,
+        judged=judging(job=snakemake, files=files),
+        motions=[(files[plans], {name: made[f"{arm}{name}"] for name in OUTPUTS}) for arm, plans in arms.items()],
     )

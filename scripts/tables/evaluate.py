@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pinnochio.columns import write_rows
+from pinnochio.gathered import gathered, gathered_files
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.case_columns import CASES
@@ -65,15 +66,35 @@ def evaluate(
         write_skins(skins, moved)
 
 
-def judging(job) -> dict[str, dict]:
-    """What :func:`evaluate` reads and is set to in a job of Snakemake's, which names method and fold, or the batch."""
+def files_of(job) -> dict[str, list[str]]:
+    """Files of the cases of a job of Snakemake's, in their order, by the names that :func:`evaluate` and
+    :func:`~scripts.prediction.predict.predict` have for them; plans are those of the job's batch, planned or executed.
+    """
+    there, cases, scanned = job.input, job.params.cases, job.params.scanned
+    lips = "lips/" if Path(there.models[0]).name == "lips" else ""
+    planned = gathered(there.scans, cases, "plan.json")
+    executed = list(there.executed) or gathered(there.scans, cases, "motion.json")
+    return {
+        **gathered_files(there, cases, "lifts", "covariates"),
+        "models": gathered(there.models, cases, f"{lips}model.h5"),
+        "trained": list(there.trained),
+        "truths": list(there.truths),
+        "plans": planned if job.wildcards.get("batch", "").startswith("planned") else executed,
+        "planned": planned,
+        "executed": executed,
+        **gathered_files(there, scanned, "postops"),
+        "judged": gathered(there.judged, scanned, "judged.h5"),
+        "motions": gathered(there.models if lips else there.judged, cases, f"{lips}true_motion.h5", some=False),
+    }
+
+
+def judging(job, files: Mapping[str, Sequence[str]]) -> dict[str, dict]:
+    """What :func:`evaluate` reads of the files, and is set to, in a job that names method and fold, or the batch."""
     fold = job.wildcards.get("fold") or Path(job.wildcards.batch).name
     about = {"fold": fold, "method": job.wildcards.method, "code": job.params.code}
-    scans = {
-        name: dict(zip(job.params.scanned, job.input.get(name, []), strict=True)) for name in ("postops", "judged")
-    }
+    scans = {name: dict(zip(job.params.scanned, files[name], strict=True)) for name in ("postops", "judged")}
     return {
-        "files": scans | {name: job.input.get(name, []) for name in ("models", "plans", "motions")},
+        "files": scans | {name: files[name] for name in ("models", "plans", "motions")},
         "settings": {
             "cases": job.params.cases,
             "fem": FemSettings(**job.params.fem),
@@ -85,7 +106,7 @@ def judging(job) -> dict[str, dict]:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    judged = judging(job=snakemake)
+    judged = judging(job=snakemake, files=files_of(job=snakemake))
     evaluate(
         **judged["files"],
         **judged["settings"],

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pinnochio.gathered import gathered_files
 from pinnochio.logs import attach_log
 from pinnochio.references import resolve
 from pinnochio.seeds import derive_seed
@@ -55,8 +56,8 @@ if __name__ == "__main__":
     device = choose_device(snakemake.resources.gpu, snakemake.threads)
     seed = derive_seed(params.seed, "finetune", f"{about.fold}/{about.method}")
     settings = {name: params[name] for name in ("learner", "settings", "cases", "code")}
-    read = {name: list(files[name]) for name in ("models", "lifts", "plans", "postops")}
-    read |= {"covariates": list(files.get("covariates", [])), "pretrained": files.get("network") or None}
+    read = gathered_files(files, params.cases, "models", "lifts", "plans", "postops", "covariates")
+    read["pretrained"] = files.get("network") or None
     finetune_once(
         read=read, settings=settings | {"seed": seed, "device": device}, outputs=dict(snakemake.output.items())
     )

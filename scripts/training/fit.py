@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pinnochio.gathered import gathered_files
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
@@ -50,6 +51,6 @@ def fit_once(read: Mapping[str, object], settings: Mapping[str, object], fitted:
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     params, files = snakemake.params, snakemake.input
-    read = {name: list(files.get(name, [])) for name in ("models", "fem_samples", "plans", "postops", "covariates")}
+    read = gathered_files(files, params.cases, "models", "fem_samples", "plans", "postops", "covariates")
     settings = {name: params[name] for name in ("learner", "settings", "cases")}
     fit_once(read=read, settings=settings, fitted=snakemake.output.fitted)

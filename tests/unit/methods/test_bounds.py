@@ -51,7 +51,8 @@ def test_no_method_but_the_bounds_reads_the_truth():
         if name not in made.methods.used:
             continue
         batch = PredictionInputs(made).batch("folds/1", name)
-        files = [file for listed in (batch.models, batch.plans, batch.lifts, batch.truths) for file in listed]
+        files = [*batch.truths, *batch.executed]
+        assert not any("virtual/" in folder for folders in batch.folders.values() for folder in folders)
         secret = {file.split("/")[-1] for file in files if "virtual/" in file}
         assert secret == {"floor_scan": {"truth.h5"}, "oracle_learner": {"truth.h5"}, "oracle": {"executed.json"}}.get(
             name, set()

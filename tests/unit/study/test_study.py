@@ -68,11 +68,17 @@ def test_a_fold_trains_on_no_patient_that_it_holds_out():
     for fold, held_out in made.folds.held_out.items():
         assert not set(made.folds.training(fold)) & set(held_out)
         assert set(made.folds.training(fold)) | set(made.folds.judged(fold)) == set(made.cohort.scanned)
-        files = RuleInputs(made).training.of_cases("<results>/cases/{case}/x")(job(fold=fold))
-        assert files == [f"<results>/cases/{case}/x" for case in made.folds.training(fold)]
+        inputs = RuleInputs(made)
+        folders = inputs.training.gathered("samples")(job(fold=fold, method="pinnochio_plus"))
+        assert folders == [f"<results>/held_out/{other}/samples" for other in made.folds.held_out if other != fold]
+        read = [job(fold=folder.split("/")[2], kind="samples") for folder in folders]
+        files = {file for one in read for file in inputs.gathered.files(one)}
+        assert files == {f"<results>/cases/{case}/fem_samples.h5" for case in made.folds.training(fold)}
+        fewer = made.folds.training(f"{fold}of2")
+        assert len(fewer) == 2 and {*fewer} < {*made.folds.training(f"{fold}of3")} < {*made.folds.training(fold)}
         batch = RuleInputs(made).prediction.batch(f"folds/{fold}", "pinnochio_plus")
         assert batch.cases == held_out and batch.trained == [f"<results>/folds/{fold}/pinnochio_plus/network.pt"]
-        assert batch.lifts == [f"<results>/cases/{case}/lift_elastic.h5" for case in held_out]
+        assert batch.folders["lifts"] == [f"<results>/held_out/{fold}/lift"]
 
 
 def test_each_method_predicts_on_its_mesh():
@@ -84,14 +90,22 @@ def test_training_and_prediction_take_the_achieved_motion_where_there_are_bones(
     made = study(bones=("S0", "S1", "U0"))
     assert made.motion_of("S0") == "<results>/cases/S0/achieved.json"
     assert made.motion_of("S2") == RuleInputs(made).patient.motion(job(case="S2")) == "<results>/cases/S2/plan.json"
-    assert made.motion_of("S0", "pinnochio", "planned/1") == "<results>/cases/S0/plan.json"
     fold = made.folds.by_case["S0"]
-    for batch, motion in (("folds", "achieved"), ("planned", "plan")):
+    for batch in ("folds", "planned"):
         predicted = RuleInputs(made).prediction.batch(f"{batch}/{fold}", "pinnochio")
-        assert predicted.plans[predicted.cases.index("S0")] == f"<results>/cases/S0/{motion}.json"
+        assert predicted.folders["scans"] == [f"<results>/held_out/{fold}/scan"] and not predicted.executed
         assert predicted.trained == [f"<results>/folds/{fold}/pinnochio/network.pt"]
     other = next(fold for fold in made.folds.held_out if fold != made.folds.by_case["S0"])
-    assert "<results>/cases/S0/achieved.json" in RuleInputs(made).training.motions(job(fold=other, method="pinnochio"))
+    gathered = RuleInputs(made).gathered
+    assert gathered.training(other, "scan") == [
+        f"<results>/held_out/{each}/scan" for each in made.folds.held_out if each != other
+    ]
+    scans = dict(
+        zip(gathered.names(job(fold=fold, kind="scan")), gathered.files(job(fold=fold, kind="scan")), strict=True)
+    )
+    assert scans["S0.motion.json"] == "<results>/cases/S0/achieved.json" and scans["S0.plan.json"].endswith(
+        "S0/plan.json"
+    )
     assert made.cohort.registered == ["S0", "S1", "U0"] and made.both_motions == ["S0", "S1"]
 
 

@@ -6,6 +6,8 @@ from functools import cached_property
 from pathlib import Path
 
 from pinnochio.code import ROOT
+from pinnochio.errors import InputError
+from pinnochio.files import NAME
 from pinnochio.manifest import MANIFEST
 from pinnochio.study.choice import Choice, choose
 from pinnochio.study.cohort import Cohort, read_cohort
@@ -68,31 +70,38 @@ class Study:
 
     def case(self, name: str) -> Patient:
         """The patient of the study."""
-        return of_study(self.cohort.cases[name], self.config)
+        if name not in self._cases:
+            self._cases[name] = of_study(self._known(name, self.cohort.cases, self.cohort.name), self.config)
+        return self._cases[name]
+
+    @cached_property
+    def _cases(self) -> dict[str, Patient]:
+        """Those that have been asked for."""
+        return {}
+
+    def _known(self, name: str, among: Mapping, whose: str):
+        if name not in among:
+            raise InputError(name, whose, "it has no patient of this name", "name one of its patients")
+        return among[name]
 
     def new_patient(self, name: str) -> Patient:
         """The new patient, made with the settings that its models were trained with."""
+        self._known(name, self.new_patients, self.config["patient"] or "the configuration")
         config = {**self.config, **self.choice.settings}
         return replace(self.new_patients[name], config=config, choice=self.choice)
 
     # Files of the study's patients.
 
-    def motion_of(self, case: str, method: str = "", batch: str = "") -> str:
-        """The file of the motion that the method's prediction of the study's patient takes, and training with it.
-
-        The achieved motion where it is known and the configuration does not ask for the plan; in the batches `planned`
-        the plan; the true one for a bound that reads it.
-        """
-        if method in self.methods.bounds and self.methods[method].truth == "motion":
-            return f"<results>/virtual/{case}/executed.json"
+    def motion_of(self, case: str) -> str:
+        """The file of the motion that predictions of the study's patient take, and training with it: the achieved one
+        where it is known and the configuration does not ask for the plan."""
         known = self.cohort.cases[case].postop_bones and self.config["motion"] == "achieved"
-        return f"<results>/cases/{case}/{'achieved' if known and not batch.startswith('planned') else 'plan'}.json"
+        return f"<results>/cases/{case}/{'achieved' if known else 'plan'}.json"
 
     @cached_property
     def both_motions(self) -> list[str]:
         """Patients with a scan that are predicted from the achieved motion and from the plan."""
-        scanned = self.cohort.scanned
-        return [name for name in scanned if self.motion_of(name) != self.motion_of(name, batch="planned")]
+        return [name for name in self.cohort.scanned if not self.motion_of(name).endswith("/plan.json")]
 
     @cached_property
     def planned(self) -> list[str]:
@@ -107,9 +116,7 @@ class Study:
 
     def covariates(self, method: str, cases: Iterable[str]) -> list[str]:
         """What else is known of the study's patients, for a method that reads it."""
-        if not self.methods[method].covariates:
-            return []
-        return [self.cohort.cases[case].covariates_file or f"<results>/cases/{case}/covariates.json" for case in cases]
+        return filled(f"{STUDY_FILES}/covariates.json", cases) if self.methods[method].covariates else []
 
     def lifts(self, method: str, cases: Iterable[str]) -> list[str]:
         """The lifts that the method's network wants."""
@@ -126,15 +133,16 @@ class Study:
         """What each wildcard of the rules may be; where there is nothing, a name that nothing bears.
 
         `home` is the folder of imported patients below the results, cases of the study or patients that are new, and
-        `case` the name; `mesh` is empty or /nodes_N; `plan` is empty for the study's own plan, /NAME for one of
-        a new patient; `fold` may train on fewer patients, 1of8; `batch` is what is predicted in one job: folds/N
-        or planned/N (the same patients from their plans).
+        `case` any name: whether there is such a patient is looked up, because ten thousand names search slowly; `mesh`
+        is empty or /nodes_N; `plan` is empty for the study's own plan, /NAME for one of a new patient; `fold` may train
+        on fewer patients, 1of8; `batch` is what is predicted in one job: folds/N or planned/N (the same patients from
+        their plans).
         """
         plans = "|".join(sorted({plan for patient in self.new_patients.values() for plan in patient.plans})) or "none"
         folds = rf"(?:{'|'.join(self.folds.held_out)})(?:of\d+)?"
         return {
             "home": "cases|patients",
-            "case": "|".join([*self.cohort.cases, *self.new_patients]),
+            "case": NAME.pattern,
             "mesh": r"|/nodes_\d+",
             "plan": f"|/(?:{plans})",
             "fold": folds,

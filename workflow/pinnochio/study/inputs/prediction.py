@@ -8,32 +8,27 @@ from pathlib import Path
 from pinnochio.errors import InputError
 from pinnochio.methods.registry import GRAPH_NETWORK, registry
 from pinnochio.patients.model_archive import FALLBACK
-from pinnochio.study.study import STUDY_FILES, Study, filled
+from pinnochio.study.inputs.gathered import GatheredInputs
+from pinnochio.study.study import Study, filled
 
 TRAINED = {"no": "", "at once": "fitted.h5", "by steps": "network.pt"}  # what training leaves
 
 
 @dataclass(frozen=True)
 class Batch:
-    """What is predicted and judged in one job: cases with their files, the trained file, and what it reads of the
-    settings.
+    """What is predicted and judged in one job: cases, what it reads of the settings, and its files.
 
-    truths are the files of the virtual truth, for a bound that is it; scanned: the cases that can be judged, postops
-    and judged their files; motions: true ones at the points of the models, where they are known.
+    scanned: the cases that can be judged; folders: where models, scans, what is judged, and lifts and covariates of a
+    method that reads them, are gathered; truths and executed are files of the virtual truth, for a bound that is it.
     """
 
     cases: list[str]
-    models: list[str]
-    plans: list[str]
-    settings: dict
-    truths: list[str]
-    lifts: list[str]
-    covariates: list[str]
-    trained: list[str]
     scanned: list[str]
-    postops: list[str]
-    judged: list[str]
-    motions: list[str]
+    settings: dict
+    folders: dict[str, list[str]]
+    trained: list[str]
+    truths: list[str]
+    executed: list[str]
 
 
 @dataclass(frozen=True)
@@ -77,40 +72,32 @@ class PredictionInputs:
         batch = wildcards.batch if hasattr(wildcards, "batch") else f"folds/{wildcards.fold}"
         return self.batch(batch, wildcards.method)
 
-    def of_one(self, wildcards) -> dict[str, str | list[str]]:
+    def gathered(self, wildcards) -> dict[str, list[str]]:
         """Input function: the files of the job's batch."""
-        batch = vars(self._batch_of(wildcards))
-        return {name: files for name, files in batch.items() if name not in ("cases", "scanned", "settings")}
-
-    def of_both(self, wildcards) -> dict[str, str | list[str]]:
-        """Input function: the same with the plans that the fold is predicted from besides."""
-        planned = self.batch(f"planned/{wildcards.fold}", wildcards.method)
-        return self.of_one(wildcards) | {"planned": planned.plans}
+        batch = self._batch_of(wildcards)
+        return batch.folders | {name: getattr(batch, name) for name in ("trained", "truths", "executed")}
 
     def batch(self, batch: str, method: str) -> Batch:
         """A batch, folds/N or planned/N, as the method predicts it."""
         key = batch, method
         if key not in self._batches:
-            self._batches[key] = self._held_out(batch, batch.split("/")[1], method)
+            self._batches[key] = self._held_out(batch.split("/")[1], method)
         return self._batches[key]
 
-    def _held_out(self, batch: str, fold: str, name: str) -> Batch:
+    def _held_out(self, fold: str, name: str) -> Batch:
         study, method = self.study, self.study.methods[name]
-        cases, trained, scanned = study.folds.kept_from(fold), TRAINED[method.trains], study.folds.judged(fold)
-        virtual = study.cohort.virtual
+        cases, trained, virtual = study.folds.kept_from(fold), TRAINED[method.trains], "<results>/virtual/{case}"
+        kinds = {"models": "lips" if method.mesh == "lips" else "model", "scans": "scan", "judged": "judged"}
+        kinds |= {} if method.lift == "none" else {"lifts": "lift"}
+        kinds |= {"covariates": "covariates"} if method.covariates else {}
         return Batch(
             cases=cases,
-            models=[study.model_of(case, name) for case in cases],
-            plans=[study.motion_of(case, name, batch) for case in cases],
+            scanned=study.folds.judged(fold),
             settings=predicting(method.settings),
-            truths=filled("<results>/virtual/{case}/truth.h5", cases) if method.truth == "field" else [],
-            lifts=study.lifts(name, cases),
-            covariates=study.covariates(name, cases),
+            folders={name: GatheredInputs(study).held_out(fold, kind) for name, kind in kinds.items()},
             trained=[f"<results>/folds/{fold}/{name}/{trained}"] if trained else [],
-            scanned=scanned,
-            postops=filled(f"{STUDY_FILES}/postop.h5", scanned),
-            judged=filled(f"{STUDY_FILES}/judged.h5", scanned),
-            motions=[study.model_of(case, name, "true_motion.h5") for case in cases] if virtual else [],
+            truths=filled(f"{virtual}/truth.h5", cases) if method.truth == "field" else [],
+            executed=filled(f"{virtual}/executed.json", cases) if method.truth == "motion" else [],
         )
 
     def of_ensemble(self, name: str) -> Callable:

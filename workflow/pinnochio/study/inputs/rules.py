@@ -1,6 +1,7 @@
 """The input functions of all rule files, for the workflow."""
 
 from pinnochio.study.inputs.cohort import CohortInputs
+from pinnochio.study.inputs.gathered import GatheredInputs
 from pinnochio.study.inputs.patient import PatientInputs
 from pinnochio.study.inputs.patients import NewPatientInputs
 from pinnochio.study.inputs.prediction import PredictionInputs
@@ -16,4 +17,4 @@ class RuleInputs:
     def __init__(self, study: Study):
         self.cohort, self.patient, self.training = CohortInputs(study), PatientInputs(study), TrainingInputs(study)
         self.prediction, self.tables = PredictionInputs(study), TableInputs(study)
-        self.patients, self.report = NewPatientInputs(study), ReportInputs(study)
+        self.gathered, self.patients, self.report = GatheredInputs(study), NewPatientInputs(study), ReportInputs(study)

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pinnochio.manifest import MANIFEST
-from pinnochio.study.study import Study, filled
+from pinnochio.study.inputs.gathered import GatheredInputs
+from pinnochio.study.study import Study
 from pinnochio.training.settings import PATIENTS_IN_MEMORY
 
 
@@ -15,19 +16,17 @@ class TrainingInputs:
     def cases(self, wildcards) -> list[str]:
         return self.study.folds.training(wildcards.fold)
 
-    def of_cases(self, pattern: str) -> Callable:
-        """`pattern` for each training case of the fold, which no held-out case is."""
-        return lambda wildcards: filled(pattern, self.cases(wildcards))
+    def gathered(self, kind: str) -> Callable:
+        """Input function: where files of a kind lie of the patients that the job's fold trains on; nowhere for a method
+        that reads none."""
+        gathered, methods = GatheredInputs(self.study), self.study.methods
 
-    def lifts(self, wildcards) -> list[str]:
-        return self.study.lifts(wildcards.method, self.cases(wildcards))
+        def folders(wildcards) -> list[str]:
+            method = methods[wildcards.method]
+            unread = (kind == "lift" and method.lift == "none") or (kind == "covariates" and not method.covariates)
+            return [] if unread else gathered.training(wildcards.fold, kind)
 
-    def covariates(self, wildcards) -> list[str]:
-        return self.study.covariates(wildcards.method, self.cases(wildcards))
-
-    def motions(self, wildcards) -> list[str]:
-        """The motions that made the skins which the method trains on."""
-        return [self.study.motion_of(case, wildcards.method) for case in self.cases(wildcards)]
+        return folders
 
     def pretrained(self, wildcards) -> str | list:
         """The network that finite-element fields have pretrained, where the method has such a phase."""
