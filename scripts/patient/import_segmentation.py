@@ -2,7 +2,9 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -50,11 +52,13 @@ def import_segmentation(
     names the files labels, bone, skin and report; accept: bones unlike people's go in, to be looked at with care.
     Raises InputError for what the user must mend.
     """
-    with collected() as warnings:
+    with collected() as warnings, ProcessPoolExecutor(1, get_context("fork")) as beside:
         head, frame, made, repairs, care = _checked_head(
             case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts, accept
         )
         labels, voxel, segments = head.labels, float(np.prod(head.spacing)), head.segments
+        # As long as the bone takes, and of the border to the air alone, which a muscle layer leaves as it is.
+        contoured = beside.submit(skin_surface, labels, head.spacing, head.origin)
         bone = bone_surface(
             labels=labels, spacing=head.spacing, origin=head.origin, segments=segments, edge_mm=bone_edge
         )
@@ -83,8 +87,7 @@ def import_segmentation(
     } | made
     write_segmentation(labels=labels, spacing=head.spacing, origin=head.origin, path=outputs["labels"])
     bone.write(outputs["bone"])
-    skin, skin_faces = skin_surface(labels, head.spacing, head.origin)
-    write_surface(skin, skin_faces, outputs["skin"])
+    write_surface(*contoured.result(), outputs["skin"])
     with replacing(outputs["report"]) as temporary:
         temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 

@@ -17,7 +17,7 @@ from scripts.patients.certify import certify
 from scripts.patients.export_prediction import export_prediction
 from scripts.patients.show_prediction import show_prediction
 from scripts.prediction.predict import predict
-from scripts.prediction.predict_interval import predict_interval, show_interval
+from scripts.prediction.predict_interval import predict_interval
 
 
 def predict_plan(
@@ -41,7 +41,7 @@ def predict_plan(
     about: as :func:`~scripts.patients.certify.certify` takes it; planned: files model and plan; method: predictor, its
     settings, device and threads; networks: file by fold, none of a method that learns nothing; archive: folder of the
     networks' archive; fallback: predictor and settings of FALLBACK; outputs: files result, certificate, measures, page,
-    mesh, and of networks ensemble and picture.
+    mesh, and of networks ensemble.
     """
     case, result = about["case"], outputs["result"]
     named, ranges = {"case": case}, {"quality": quality, "ranges": str(Path(archive or "") / RANGES)}
@@ -68,9 +68,6 @@ def predict_plan(
         shown = {name: outputs[name] for name in ("measures", "page")}
         stages(show_prediction, {**planned, **certificate, "result": result}, shown, named)
         export_prediction(case=case, **planned, result=result, folder=str(Path(outputs["mesh"]).parent))
-        if archive:
-            read = {"model": planned["model"], "result": result, "calibration": calibration}
-            stages(show_interval, read, {"picture": outputs["picture"]}, named)
 
 
 def like_training(case: str, model: str, plan: str, quality: str, ranges: str) -> bool:

@@ -1,11 +1,10 @@
-"""Makes the prediction of a new patient with its calibrated interval, and a picture of how far off it may be."""
+"""Makes the prediction of a new patient with its calibrated interval."""
 
 import logging
 from dataclasses import asdict, replace
 
 import numpy as np
 
-from pinnochio.figures.interval import interval_picture
 from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
@@ -13,7 +12,7 @@ from pinnochio.patients.certificate import in_distribution
 from pinnochio.patients.in_distribution import Ranges, widening
 from pinnochio.patients.result import of_ensemble
 from pinnochio.plans.plan import Plan
-from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble, read_load, repaired_interval, widened
+from pinnochio.statistics.intervals import Calibration, read_ensemble, read_load, repaired_interval, widened
 
 
 def predict_interval(
@@ -42,14 +41,3 @@ def predict_interval(
     logging.info("%s: mean half-width %.3f mm; %s", case, np.nanmean(interval.half_width), repair)
     about = {"case": case, "method": calibrated.method, "level": calibrated.level}
     interval.write(result, **about, **asdict(of_ensemble(ensemble, repair)))
-
-
-def show_interval(case: str, model: str, result: str, calibration: str, picture: str) -> None:
-    """Draw what :func:`predict_interval` wrote."""
-    interval_picture(
-        patient=PatientModel.read(model),
-        interval=Interval.read(result),
-        calibration=Calibration.read(calibration),
-        case=case,
-        path=picture,
-    )

@@ -129,7 +129,7 @@ def test_finite_elements_stand_in_for_networks_that_were_trained_on_others(patie
     (folder / "ranges.json").write_text(json.dumps(ranges))
     Archive.read(archive[0]).write(folder)
     names = {"result": "interval.h5", "ensemble": "ensemble.h5", "certificate": "certificate.json"}
-    names |= {"page": "index.html", "measures": "measures.csv", "mesh": "deformed.vtu", "picture": "interval.png"}
+    names |= {"page": "index.html", "measures": "measures.csv", "mesh": "deformed.vtu"}
     settings = {"fem": vars(patient.fem)}
 
     def predict():

@@ -45,7 +45,7 @@ def test_no_load_of_a_method_is_a_term_of_the_outcome(patient, face):
         moved = np.tile([0.0, -3, 1], (len(model.skin_points), 1))
         terms[name] = OPEN[name](site, moved, OPERATED, np.random.default_rng(0))
 
-    sources = AnsweringTissue(model, patient.fem.material(model.tissue))(FaceModes.of([model])(model))
+    sources = AnsweringTissue(model, patient.fem)(FaceModes.of([model])(model))
     loads = [model.moved_skin(field) - model.skin_points for field in sources.fields]
     alike = np.abs(responses(list(terms.values()), face) @ responses(loads, face).T)
     worst = {name: alike[row].max() for row, name in enumerate(terms)}

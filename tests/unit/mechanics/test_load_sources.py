@@ -9,7 +9,6 @@ from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.boundary.loads import Loads
 from pinnochio.mechanics.load_sources import SMOOTH, AnsweringTissue, units
-from pinnochio.mechanics.problems import uniform
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import FREE, SLIDING
 from pinnochio.plans.plan import Plan
@@ -21,11 +20,11 @@ from tests.helpers.settings import fem_settings
 def made():
     """A slab of 60 x 60 x 15 mm, its law, three smooth patterns of its skin and the sources for them."""
     patient = tiny_patient(shape=(13, 13, 4))
-    law = uniform(len(patient.cells))
+    fem = fem_settings()
     face = patient.skin_points[patient.judged_points]
     x, y = np.linalg.svd(face - face.mean(axis=0), full_matrices=False)[2][:2] @ (face - face.mean(axis=0)).T / 30
     patterns = np.stack([np.cos(np.pi * x / 2) * np.cos(np.pi * y / 2), np.sin(np.pi * x), np.sin(np.pi * y)], axis=1)
-    return patient, law, patterns, AnsweringTissue(patient, law)(patterns)
+    return patient, fem.material(patient.tissue), patterns, AnsweringTissue(patient, fem)(patterns)
 
 
 def test_a_small_load_does_what_newton_says(made):

@@ -243,4 +243,3 @@ def test_finish_repairs_and_corrects_a_networks_field(patient, steps):
     assert (len(states) == steps + 1 or residuals[-1] < 1e-6) and (
         steps < 4 or residuals[0] > EQUILIBRIUM > 1e-4 > residuals[-1]
     )
-    finish.close()

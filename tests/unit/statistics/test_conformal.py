@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from pinnochio.columns import check, read_table
 from pinnochio.errors import InputError
-from pinnochio.figures.interval import interval_picture, scale
 from pinnochio.metrics.judged import Judged
 from pinnochio.model.regions import NAMES
 from pinnochio.statistics import intervals as intervals
@@ -255,6 +254,3 @@ def test_calibration_and_interval_come_back_from_disk(block, calibration, tmp_pa
     result.write(tmp_path / "interval.h5", case="P", level=LEVEL)
     for name, value in vars(Interval.read(tmp_path / "interval.h5")).items():
         np.testing.assert_array_equal(value, getattr(result, name))
-    interval_picture(patient, result, calibration, "P", tmp_path / "interval.png")
-    assert (tmp_path / "interval.png").stat().st_size > 20_000
-    assert scale(calibration) == 12

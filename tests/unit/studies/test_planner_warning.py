@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from pinnochio.importing.osteotomy import GUESS
 from pinnochio.patients.certificate import of_import
+from pinnochio.plans.roles import GUESS
 from studies.planner.page_words import import_in_words, warning
 
 

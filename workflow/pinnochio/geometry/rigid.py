@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
+# scipy.spatial, whose import takes a third of a second, is imported where a motion first turns.
 LARGEST_TRANSLATION = 50.0  # mm; a longer one is a wrong unit or a wrong file
 NEARLY = 1e-3  # of R'R = I: what rounding to a few decimals leaves, 0.1 mm at 100 mm
 
@@ -38,7 +39,9 @@ class RigidMotion:
 
     def fraction(self, share: float) -> "RigidMotion":
         """The motion carried out to `share` in [0, 1]: rotation by its angle, translation linearly."""
-        turned = Rotation.from_rotvec(share * Rotation.from_matrix(self.rotation).as_rotvec())
+        turned = scipy.spatial.transform.Rotation.from_rotvec(
+            share * scipy.spatial.transform.Rotation.from_matrix(self.rotation).as_rotvec()
+        )
         return RigidMotion(turned.as_matrix(), share * self.translation, self.pivot)
 
     def about(self, pivot: np.ndarray) -> "RigidMotion":
@@ -54,12 +57,12 @@ class RigidMotion:
     @property
     def degrees(self) -> np.ndarray:
         """Components (3,) of the rotation vector, as :meth:`from_degrees` takes them."""
-        return Rotation.from_matrix(self.rotation).as_rotvec(degrees=True)
+        return scipy.spatial.transform.Rotation.from_matrix(self.rotation).as_rotvec(degrees=True)
 
     @property
     def angle(self) -> float:
         """How far it turns, degrees."""
-        return float(np.degrees(Rotation.from_matrix(self.rotation).magnitude()))
+        return float(np.degrees(scipy.spatial.transform.Rotation.from_matrix(self.rotation).magnitude()))
 
     def angle_from(self, other: "RigidMotion") -> float:
         """How far it turns beyond another, degrees."""
@@ -68,5 +71,5 @@ class RigidMotion:
     @classmethod
     def from_degrees(cls, angles, translation, pivot) -> "RigidMotion":
         """From rotation-vector components in degrees about the x (pitch), y (roll) and z (yaw) axes."""
-        rotation = Rotation.from_rotvec(np.asarray(angles, float), degrees=True).as_matrix()
+        rotation = scipy.spatial.transform.Rotation.from_rotvec(np.asarray(angles, float), degrees=True).as_matrix()
         return cls(rotation, np.asarray(translation, float), np.asarray(pivot, float))

@@ -16,9 +16,9 @@ from pinnochio.importing.soft_tissue import largest
 from pinnochio.importing.thresholding import Plane
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, TOUCHING, segment_code
 from pinnochio.model.labels import MUSCLE as MUSCLE_CODE
+from pinnochio.plans.roles import GUESS
 
 LOG = logging.getLogger(__name__)
-GUESS = " (a guess: look at the picture)"  # ends what decided a cut that nobody has placed
 DRAWN = "the piece that the segmentation holds"
 LEFORT, SPLIT, CHIN = "lefort1", "split", "chin"
 CUTS = (LEFORT, SPLIT, CHIN)

@@ -7,9 +7,8 @@ import numpy as np
 from scipy import ndimage
 
 from pinnochio.errors import refusal
-from pinnochio.importing.osteotomy import GUESS
 from pinnochio.model.labels import AIR, CRANIUM, internal_codes, segment_name
-from pinnochio.plans.roles import UNCUT, known_role
+from pinnochio.plans.roles import GUESS, UNCUT, known_role
 
 COARSEST = 5.0  # mm; slices of CT are no thicker, and plates of bone are thinner already [I]
 IN_THE_AIR = 0.95  # share of the voxels round a bone; 0.85 in a model of a face with nothing behind the maxilla [X]

@@ -12,8 +12,7 @@ import numpy as np
 
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
-from pinnochio.mechanics.elements.materials import Material
-from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC
+from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
@@ -46,9 +45,10 @@ class Sources:
 class AnsweringTissue:
     """A patient's elastic response to pressure under the judged face, factorised once for any patterns."""
 
-    def __init__(self, model: PatientModel, material: Material, volumetric: str = VOLUMETRIC[0]):
+    def __init__(self, model: PatientModel, fem: FemSettings):
         self._model, boundary = model, boundary_conditions(model, Plan("-", {}), "mucosa")
-        self._solver = ElasticSolver(model.points, model.cells, material, boundary, volumetric)
+        law = fem.material(model.tissue)
+        self._solver = ElasticSolver(model.points, model.cells, law, boundary, fem.volumetric)
         weakref.finalize(self, self._solver.close)
 
     def __call__(self, patterns: np.ndarray) -> Sources:
@@ -61,7 +61,6 @@ class AnsweringTissue:
         onto = model.onto_judged
         forces = (onto.T @ pressed).reshape(len(model.points), -1, 3).transpose(1, 0, 2)
         fields = self._solver.under(forces)
-
         shown = (onto @ fields.transpose(1, 0, 2).reshape(len(model.points), -1)).reshape(len(face), -1, 3)
         outward = np.einsum("kqx,kx->kq", shown, normals)
         mixed = units(outward, patterns, area)

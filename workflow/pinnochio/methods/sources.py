@@ -85,10 +85,9 @@ class PatientSources:
     """The learned sources of one patient, made once for every plan; covariates: what else is known, by name."""
 
     def __init__(self, learned: SourceModel, model: PatientModel, fem: FemSettings, covariates: Mapping, tissue=None):
-        """tissue: the patient's `answering_tissue`, where it serves several models. InputError where the face cannot be
-        read."""
+        """tissue: the patient's, where it serves several models. InputError where the face cannot be read."""
         self._learned, self._features = learned, Features(model, covariates)
-        self.sources = (tissue or answering_tissue(model, fem))(learned.modes(model))
+        self.sources = (tissue or AnsweringTissue(model, fem))(learned.modes(model))
 
     def amplitudes(self, plan: Plan) -> np.ndarray:
         """Amplitudes (q,) under a plan, smaller in proportion where a point of the face would move by more than in any
@@ -97,11 +96,6 @@ class PatientSources:
         amplitudes = self._learned.regression(row)
         largest = np.abs(self.sources.outward @ amplitudes).max()
         return amplitudes * min(1.0, self._learned.largest / max(largest, 1e-9))
-
-
-def answering_tissue(model: PatientModel, fem: FemSettings) -> AnsweringTissue:
-    """A patient's response to pressure, of the settings' material."""
-    return AnsweringTissue(model, fem.material(model.tissue), fem.volumetric)
 
 
 def fit(

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinnochio.importing.osteotomy import GUESS
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.model_quality import DETAIL, off_mesh
 from pinnochio.metrics.validity import (
@@ -23,6 +22,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
 from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.roles import GUESS
 from pinnochio.statistics.intervals import Calibration, Interval
 
 RESEARCH = "For research only; not for planning or treating patients."

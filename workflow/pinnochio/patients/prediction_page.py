@@ -4,6 +4,8 @@ import base64
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -50,15 +52,17 @@ def write_page(
     level = f"{100 * certificate['interval']['level']:g} %" if certificate["interval"] else ""
     before, after = skin_of(patient, np.zeros_like(displacement)), skin_of(patient, displacement)
     moved = np.linalg.norm(after.points - before.points, axis=1)
-    pictures = [
-        ("Before and after", _faces(patient, plan, before, after), "Above: before. Below: predicted."),
-        ("Bones", _bones(patient, plan), "The bones after the plan, each segment in its colour."),
-        ("Displacement", _map(after, moved), "How far each point of the skin moves."),
-    ]
-    if np.isfinite(half_width).any():
-        words = f"Half-width of the {level} interval: {level} of a region's points should lie this near to the "
-        words += "outcome. Grey: not judged."
-        pictures.append((f"{level} interval", _map(after, half_width), words))
+    with ProcessPoolExecutor(2, get_context("fork")) as artists:
+        draw = artists.submit
+        pictures = [
+            ("Before and after", draw(_faces, patient, plan, before, after), "Above: before. Below: predicted."),
+            ("Bones", draw(_bones, patient, plan), "The bones after the plan, each segment in its colour."),
+            ("Displacement", draw(_map, after, moved), "How far each point of the skin moves."),
+        ]
+        if np.isfinite(half_width).any():
+            words = f"Half-width of the {level} interval: {level} of a region's points should lie this near to the "
+            words += "outcome. Grey: not judged."
+            pictures.append((f"{level} interval", draw(_map, after, half_width), words))
     measures, landmarks, bone = in_numbers(rows)
     fine = "No check failed: the elements are valid"
     fine += ", and patient and plan are like those of the training." if certificate["in_distribution"] else "."
@@ -66,7 +70,7 @@ def write_page(
         path,
         TEMPLATE,
         c=certificate,
-        pictures=[(title, base64.b64encode(picture).decode(), words) for title, picture, words in pictures],
+        pictures=[(title, base64.b64encode(picture.result()).decode(), words) for title, picture, words in pictures],
         rows=in_words(certificate),
         motions=motions_in_words(patient, plan),
         measures=measures,

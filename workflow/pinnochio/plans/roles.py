@@ -11,6 +11,7 @@ from pinnochio.plans.plan import Plan
 ROLES = {"lefort": "maxilla", "maxilla": "maxilla", "mandible": "distal", "distal": "distal", "proximal": "proximal",
          "ramus": "proximal", "chin": "chin", "genio": "chin"}  # fmt: skip
 UNCUT = "mandible"  # name and role of a mandible that is not cut and turns about its condyles
+GUESS = " (a guess: look at the picture)"  # ends what decided a cut that nobody has placed
 FRONT = "front"  # what the foremost piece of a segmental maxilla has in its name
 # Places of the face's skeleton and the roles that carry each, the nearest first.
 PLACES = {"upper": ("maxilla",), "lower": ("distal", UNCUT), "chin": ("chin", "distal", UNCUT)}

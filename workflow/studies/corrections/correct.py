@@ -38,7 +38,6 @@ def correct(
             )
         finish = Finish(patient, fem, max(corrected))
         states, repair = finish.all(prediction.raw, prediction.boundary, prediction.forces, tolerance=fem.tolerance)
-        finish.close()
         already = states[min(prediction.iterations, len(states) - 1)].seconds
         for count in corrected:
             made = min(count, len(states) - 1)

@@ -9,13 +9,14 @@ import numpy as np
 
 from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.lift import Lift
+from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
 from pinnochio.mechanics.solvers.linear_algebra import Workers
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.methods.pinnochio.predictor import PatientGraphNetwork, load_network, load_sources
-from pinnochio.methods.sources import PatientSources, answering_tissue
+from pinnochio.methods.sources import PatientSources
 from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
@@ -73,7 +74,7 @@ class Forecaster:
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
         known = read_stored_json(prepared.covariates)
         learned = list(map(load_sources, files))
-        tissue = answering_tissue(self.patient, self._fem) if any(learned) else None
+        tissue = AnsweringTissue(self.patient, self._fem) if any(learned) else None
         sources = [each and PatientSources(each, self.patient, self._fem, known, tissue) for each in learned]
         self._networks = [
             PatientGraphNetwork(network, shared, each) for network, each in zip(networks, sources, strict=True)

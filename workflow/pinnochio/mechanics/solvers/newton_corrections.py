@@ -1,6 +1,7 @@
 """Newton corrections: from a prediction towards equilibrium, with the interface where the network puts it."""
 
 import time
+import weakref
 from dataclasses import dataclass
 
 import numpy as np
@@ -186,12 +187,8 @@ class Finish:
         nodes, prescribed = interface(patient, boundary)
         if self._corrector is None:
             self._corrector = Corrector.of(patient, settings, nodes)
+            weakref.finalize(self, self._corrector.close)
         return self._corrector.corrections(displacement, prescribed, self._steps, tolerance, forces, alike), repair
-
-    def close(self) -> None:
-        """Release what the corrections hold."""
-        if self._corrector:
-            self._corrector.close()
 
 
 def interface(patient: PatientModel, boundary) -> tuple[np.ndarray, np.ndarray]:

@@ -32,7 +32,6 @@ def learned_sources(
         plans.append(Plan.read(files.plan, files.case))
         finish = Finish(patient.model, fem, corrections)
         bases.append(finish(*PatientGraphNetwork(network, patient)(plans[-1]))[0])
-        finish.close()
         models.append(patient.model)
     learned = sources.fit(
         models=models,

@@ -9,11 +9,12 @@ import numpy as np
 import torch
 from torch import nn
 
+from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.methods.protocol import Planned
-from pinnochio.methods.sources import PatientSources, SourceModel, answering_tissue
+from pinnochio.methods.sources import PatientSources, SourceModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
@@ -38,12 +39,12 @@ class GraphPredictor:
 
     def __call__(self, planned: Planned) -> Prediction:
         """Displacement and boundary of every node, with what the inversion repair did."""
-        finish = Finish(planned.patient, self._fem, self._corrections)
+        finish = planned.once(Finish, planned.patient, self._fem, self._corrections)
 
         def prepare():
             sources, model = None, planned.patient
             if self._learned:
-                tissue = planned.once(answering_tissue, model, self._fem)
+                tissue = planned.once(AnsweringTissue, model, self._fem)
                 sources = PatientSources(self._learned, model, self._fem, planned.covariates, tissue)
             patient = planned.once(tensors, model, self._fem, self._settings, self._device, planned.lift)
             network = PatientGraphNetwork(self.network, patient, sources)
@@ -55,7 +56,6 @@ class GraphPredictor:
             return predict
 
         (raw, displacement, repair, corrections), seconds, setup = timed(prepare, planned.warm)
-        finish.close()
         logging.info("%s: %s", planned.case, repair)
         return Prediction(
             displacement,

@@ -60,7 +60,7 @@ class NewPatientInputs:
         """What holds the prediction of a new patient: one result, or that of networks with what it is made of."""
         names = {"result": "predictions.h5"}
         if not self.study.choice or self.study.choice.archive:
-            names = {"result": "interval.h5", "ensemble": "ensemble.h5", "picture": "interval.png"}
+            names = {"result": "interval.h5", "ensemble": "ensemble.h5"}
         return {key: f"<results>/{{home}}/{{case}}{{plan}}/{{method}}/{name}" for key, name in names.items()}
 
     def results(self, wildcards) -> list[str]:
