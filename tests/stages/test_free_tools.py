@@ -157,10 +157,9 @@ def test_pieces_that_are_cut_already_go_before_the_rule(head, scan, imported, tm
     for source in (path, tmp_path / "segmentation"):
         said, cut = run(tmp_path, source, volume=scan, accept=True)
         assert set(said["cuts"].values()) == {"the piece that the segmentation holds"} and len(said["cuts"]) == 4
-        for code, name in enumerate([*FOUR, "chin"], 11):
-            if name in made:
-                expected = made[name] | (masks["upper_teeth"] if name == "lefort1" else False)
-                assert agreement(cut.labels == code, expected) > 0.97, name
+        for code, name in ((11, "lefort1"), (13, "proximal_left"), (14, "proximal_right"), (15, "chin")):
+            expected = made[name] | (masks["upper_teeth"] if code == 11 else False)
+            assert agreement(cut.labels == code, expected) > 0.97, name
         assert agreement(cut.labels == 11, imported[2].labels == 11) < 0.95
 
 

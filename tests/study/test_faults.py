@@ -18,14 +18,7 @@ STUDY = ["--configfile", "config/quick.yaml", "own.yaml"]
 CHANGES = "methods: [no_change, pinnochio_plus]\nreference: pinnochio_plus\nablation: []\nvirtual: {patients: 4}\n"
 UNTRAINED = "methods: [no_change, fem_bonded]\nreference: fem_bonded\nvirtual: {patients: 2}\n"
 # Scripts in the order in which the study comes to them.
-STAGES = [
-    "virtual_patient",
-    "import_case",
-    "operate_and_scan",
-    "check_cohort",
-    "model_patient",
-    "follow_up",
-]
+STAGES = ["virtual_patient", "import_case", "operate_and_scan", "check_cohort", "model_patient", "follow_up"]
 STAGES += ["pretrain", "finetune", "predict_cases"]
 STAGES += ["tabulate"]
 

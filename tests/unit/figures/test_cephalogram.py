@@ -63,23 +63,21 @@ def test_bone_that_the_scan_does_not_show_is_left_out(face):
     assert "N" not in bone_landmarks(patient, 0.0, np.array([0, -80.0, high])).points
 
 
+def drawn(text: str, colour: str, width: float) -> list[np.ndarray]:
+    """Places of the lines of a colour and a width."""
+    ways = re.findall(f'd="M([^"]+)" fill="none" stroke="{colour}" stroke-width="{width}"/>', text)
+    return [np.array([pair.split() for pair in re.split("[LM]", way)], float) for way in ways]
+
+
 def test_the_drawing_goes_with_plan_and_field(face):
-    patient = face._patient
-    still, moved = np.zeros_like(patient.points), np.tile([0.0, -3, 0], (len(patient.points), 1))
+    still, moved = np.zeros((len(face._patient.points), 3)), np.tile([0.0, -3, 0], (len(face._patient.points), 1))
     before, after = face.tracing(REST, still), face.tracing(FORWARD, moved)
     for text in (before, after):
         ElementTree.fromstring(text)
-        for title in (*SKIN_MARKS.values(), "Pog", "Go"):
-            assert f">{title}</text>" in text
-    lines = re.compile(f'd="M([^"]+)" fill="none" stroke="{PLANNED}" stroke-width="0.55"/>')
-    assert not lines.findall(before)
-    planned = lines.findall(after)
-    assert len(planned) == 1  # the maxilla alone
-    outlines = re.findall(f'd="M([^"]+)" fill="none" stroke="{BEFORE}" stroke-width="0.55"/>', after)
-    places = [np.array([pair.split() for pair in line.split("L")], float) for line in (outlines[0], planned[0])]
-    np.testing.assert_allclose(places[1] - places[0], np.tile([4.0, 0], (len(places[0]), 1)), atol=0.11)
-    skins = [re.search(f'd="M([^"]+)" fill="none" stroke="{colour}" stroke-width="0.7"/>', after)[1]
-             for colour in (BEFORE, PREDICTED)]  # fmt: skip
-    first, second = (np.array([pair.split() for pair in re.split("[LM]", skin)], float) for skin in skins)
-    np.testing.assert_allclose(second - first, np.tile([3.0, 0], (len(first), 1)), atol=0.11)
-    assert len(first) > 100
+        assert all(f">{title}</text>" in text for title in (*SKIN_MARKS.values(), "Pog", "Go"))
+    (planned,) = drawn(after, PLANNED, 0.55)  # the maxilla alone
+    assert not drawn(before, PLANNED, 0.55)
+    np.testing.assert_allclose(planned - drawn(after, BEFORE, 0.55)[0] - [4, 0], 0, atol=0.11)
+    skins = [drawn(after, colour, 0.7)[0] for colour in (PREDICTED, BEFORE)]
+    np.testing.assert_allclose(skins[0] - skins[1] - [3, 0], 0, atol=0.11)
+    assert len(skins[0]) > 100

@@ -11,6 +11,7 @@ from pinnochio.model.bone_landmarks import bone_landmarks
 from pinnochio.model.carried import CarriedLandmarks
 from pinnochio.model.measures import LANDMARKS
 from pinnochio.model.patient import PatientModel
+from pinnochio.model.touching_lips import touching_lips
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import known_role
 
@@ -19,6 +20,7 @@ SKIN_MARKS = {"sellion": "N′", "pronasale": "Prn", "subnasale": "Sn", "subspin
               "labrale_inferius": "Li", "sublabiale": "B′", "pogonion": "Pog′", "menton": "Me′"}  # fmt: skip
 SLAB = np.linspace(-5.0, 5.0, 5)  # mm from the midline: sections whose union is what a film shows of teeth and chin [I]
 PIXEL, SMOOTH, RIM = 0.5, 1.2, 4.0  # of the raster that outlines are traced on: mm, blur in pixels, mm round a bone
+CROSSED = 0.3  # mm that lips cross from which it is said [I]
 CHORDS = (("N", "A", "Pog"), ("N", "B"), ("Me", "Go"))
 ABOVE, BELOW, BESIDE, HEADER = 45.0, 14.0, 18.0, 12.0  # mm round what the tracing shows
 AT_LEFT = {"U1": (-2, 0), "L1": (-2, 3.5), "ANS": (-2, -0.5), "A": (-2, 3), "Me": (0, 6), "Go": (-2, 3)}  # mm of labels
@@ -54,6 +56,7 @@ class Cephalogram:
     def svg(self, plan: Plan, displacement: np.ndarray) -> str:
         """The tracing under a plan and a displacement (n, 3) mm of the mesh, in mm: forward to the right."""
         patient, rest = self._patient, Plan(plan.case, {})
+        displacement, crossed = touching_lips(patient, displacement)
         left, top, right, bottom = self._window
         parts = [_path(line, BEFORE, width, FILLED) for _, line, width in self._outlines]
         parts += [_path(line, BEFORE, width) for _, line, width in self._outlines]
@@ -78,6 +81,8 @@ class Cephalogram:
                 _mark(skin[name], colours[1], title if one is rest else "", True) for name, title in SKIN_MARKS.items()
             ]
         parts += marks[::-1]
+        said = f"lips cross by {crossed:.1f} mm; drawn in contact" if crossed >= CROSSED else ""
+        parts.append(f'<text x="{left + 3:.1f}" y="{top + 11:.1f}" fill="#b26a00">{said}</text>')
         legend = {"before": BEFORE, "bones after the plan": PLANNED, "skin predicted": PREDICTED}
         words = "".join(f'<tspan fill="{colour}">{title}</tspan>   ' for title, colour in legend.items())
         parts.append(

@@ -10,6 +10,7 @@ from pinnochio.files import replacing
 from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.methods.names import written
 from pinnochio.model.patient import FIXED, MOVING, SLIDING, PatientModel
+from pinnochio.model.touching_lips import shown_skin
 from pinnochio.plans.plan import Plan
 
 SKIN, BONE, UNKNOWN = "#e8beac", "#efe9d9", "#cccccc"
@@ -24,8 +25,8 @@ FARTHEST = 4.0  # mm, where the scale of signed distances ends
 
 
 def skin_of(patient: PatientModel, displacement: np.ndarray) -> pv.PolyData:
-    """The outer skin moved by a displacement (n, 3) mm, with smooth normals."""
-    return surface_of(patient.moved_skin(displacement), patient.skin_faces)
+    """The outer skin moved by a displacement (n, 3) mm, lips that cross in contact, with smooth normals."""
+    return surface_of(shown_skin(patient, displacement), patient.skin_faces)
 
 
 def surface_of(points: np.ndarray, faces: np.ndarray) -> pv.PolyData:

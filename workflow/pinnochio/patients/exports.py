@@ -16,6 +16,7 @@ from vtkmodules.vtkIOPLY import vtkPLYWriter
 from pinnochio.files import replacing
 from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.model.patient import PatientModel
+from pinnochio.model.touching_lips import shown_skin
 
 SPACE = "SPACE=LPS"
 ABOUT = "soft-tissue prediction, research only, mm"
@@ -39,7 +40,7 @@ def write_skin(
     stl: str | os.PathLike,
 ) -> None:
     """Write the predicted skin: as VTP with displacement (s, 3) and half_width (s,) mm per point, as PLY and as STL."""
-    moved = patient.moved_skin(displacement)
+    moved = shown_skin(patient, displacement)
     skin = pv.PolyData.from_regular_faces(moved, patient.skin_faces)
     skin.point_data["half_width"] = half_width
     _save(skin, moved - patient.skin_points, vtp)

@@ -20,6 +20,7 @@ from pinnochio.methods.sources import PatientSources
 from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
+from pinnochio.model.touching_lips import shown_skin
 from pinnochio.patients.certificate import PARTS, in_distribution, of_import
 from pinnochio.patients.in_distribution import Ranges, beyond, widening
 from pinnochio.patients.model_archive import RANGES, Archive, calibration_file, network_file
@@ -116,7 +117,7 @@ class Forecaster:
     ) -> Forecast:
         compared = in_distribution(self.patient, plan, self._quality, self._ranges)
         result = widened(result, widening(compared))
-        skin = self.patient.moved_skin(result.displacement)
+        skin = shown_skin(self.patient, result.displacement)
         moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]
         return Forecast(
             plan=plan,

@@ -9,7 +9,6 @@ from trame.app import TrameApp, asynchronous
 from trame.decorators import change
 
 from pinnochio.errors import InputError, StorageError
-from pinnochio.figures.interval import scale
 from pinnochio.patients.face_measures import FaceMeasures
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS
@@ -18,7 +17,7 @@ from studies.planner.page_layout import build
 from studies.planner.page_words import about, fitted, import_in_words, label, rows
 from studies.planner.serving import serve
 from studies.planner.session import SIDES, Session
-from studies.planner.view import MAPS, FaceView
+from studies.planner.view import MAPS, FaceView, scale
 from studies.planner.wishing import Wishing
 
 SAME = 1e-6  # mm or degrees that a value of the page may be off without having been changed by the person

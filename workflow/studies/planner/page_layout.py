@@ -8,12 +8,11 @@ from trame.widgets import client, html
 from trame.widgets import vtk as vtk_widgets
 from trame.widgets import vuetify3 as v3
 
-from pinnochio.figures.interval import scale
 from pinnochio.patients.certificate import RESEARCH
 from pinnochio.plans.surgery import AMOUNTS, segment_in_words
 from studies.inverse.freedom import operation_in_words
 from studies.planner.session import SIDES
-from studies.planner.view import AXES, COLOURS, GHOST, MAPS, MOST_MOVED, PROFILE, SCAN, VIEWS, bone_colour
+from studies.planner.view import AXES, COLOURS, GHOST, MAPS, MOST_MOVED, PROFILE, SCAN, VIEWS, bone_colour, scale
 
 NUMBER = (
     "width: 4rem; border: 1px solid #bbb; border-radius: 4px; padding: 0 .3rem; text-align: right; font-size: .8rem"

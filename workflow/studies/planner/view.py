@@ -10,6 +10,7 @@ from pinnochio.figures.patient import BONE, OBLIQUE, SEGMENTS, SKIN
 from pinnochio.figures.profile import MidlineProfile
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.model.patient import PatientModel
+from pinnochio.statistics.intervals import Calibration
 from studies.planner.forecast import Forecast
 from studies.planner.session import SIDES
 
@@ -203,3 +204,9 @@ class SideMarks:
 def bone_colour(index: int) -> str:
     """Colour of a segment, or of the cranium (-1)."""
     return BONE if index < 0 else SEGMENTS[index % len(SEGMENTS)]
+
+
+def scale(calibration: Calibration) -> float:
+    """Upper end of the colours, mm: one and a half times the largest calibrated half-width, rounded up to 0.5."""
+    largest = max(value for value in calibration.half_width.values() if value is not None)
+    return float(np.ceil(3 * largest)) / 2
