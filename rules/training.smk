@@ -12,7 +12,7 @@ rule pretrain:
     benchmark:
         "<benchmarks>/pretrain/{fold}_{method}.tsv"
     wildcard_constraints:
-        method=any_of(STUDY.methods.pretrained_here),
+        method=any_of(STUDY.methods.pretrained),
     priority: 2
     conda:
         "../envs/pinnochio.yaml"
@@ -47,7 +47,7 @@ rule finetune:
     benchmark:
         "<benchmarks>/finetune/{fold}_{method}.tsv"
     wildcard_constraints:
-        method=any_of(STUDY.methods.trained_here),
+        method=any_of(STUDY.methods.trained("by steps")),
     priority: 1
     conda:
         "../envs/pinnochio.yaml"
@@ -67,32 +67,6 @@ rule finetune:
         "Adapt {wildcards.method} to the post-operative skins of fold {wildcards.fold}"
     script:
         "../scripts/training/finetune.py"
-
-
-# Where the configuration says `networks: archive`, in place of both.
-rule take_network:
-    input:
-        manifest=INPUTS.training.manifest,
-    output:
-        network="<results>/folds/{fold}/{method}/network.pt",
-        history="<results>/folds/{fold}/{method}/finetuning.csv",
-    log:
-        "<logs>/take_network/{fold}_{method}.log",
-    wildcard_constraints:
-        method=any_of(STUDY.methods.taken),
-    conda:
-        "../envs/pinnochio.yaml"
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    params:
-        archive=config["networks_archive"],
-        names=INPUTS.training.archived("network.pt", "finetuning.csv"),
-        code=code_of("scripts.training.take_network"),
-    message:
-        "Take {wildcards.method} of fold {wildcards.fold} from the archive"
-    script:
-        "../scripts/training/take_network.py"
 
 
 rule fit:
@@ -134,19 +108,6 @@ rule networks:
         ),
     message:
         "All networks are trained"
-
-
-use rule take_network as take_pretraining with:
-    output:
-        history="<results>/folds/{fold}/{method}/pretraining.csv",
-    log:
-        "<logs>/take_pretraining/{fold}_{method}.log",
-    params:
-        archive=config["networks_archive"],
-        names=INPUTS.training.archived("pretraining.csv"),
-        code=code_of("scripts.training.take_network"),
-    message:
-        "Take the pretraining of {wildcards.method} of fold {wildcards.fold} from the archive"
 
 
 rule plot_training:

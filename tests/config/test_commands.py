@@ -19,7 +19,6 @@ from tests.helpers.study import Project, jobs
 
 PATIENTS, FOLDS = 4, 2  # the plan of a study grows with them, and so does the time that it takes
 RULE = r"^(?:use rule \w+ as|rule) (\w+)"
-ARCHIVED = {"take_network", "take_pretraining"}  # by `networks: archive`, in tests/unit/training/test_archive.py
 # What else stands in a command without a target changes no job: there the first targets tell that it is understood.
 DECIDES = re.compile(r"--configfile$|(cohort|external|models|pathvars|patient|predict|tradeoff|uncertainty)=")
 WRITTEN = sorted(set().union(*map(commands, PAGES)))
@@ -138,7 +137,7 @@ def test_every_rule_is_planned_by_a_documented_command(planned):
     rules = {name for text in texts for name in re.findall(RULE, text, re.M)}
     parts = {name for text in texts for name in re.findall(r"rules\.(\w+)\.input", text)}  # of another target
     used = (planned(options) for command in WRITTEN for options, _ in lines(command))
-    unused = rules.difference(*used, parts, ARCHIVED)
+    unused = rules.difference(*used, parts)
     assert not unused, " ".join(sorted(unused))
 
 

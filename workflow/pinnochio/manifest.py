@@ -25,11 +25,11 @@ def write_manifest(folder: str | os.PathLike, content: Mapping) -> None:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def read_manifest(folder: str | os.PathLike, absent: tuple[str, str], again: str, whole: bool = True) -> dict:
+def read_manifest(folder: str | os.PathLike, absent: tuple[str, str], again: str) -> dict:
     """The content of a folder's manifest, with `files` and the SHA-256 of the manifest under CHECKSUM.
 
-    InputError where there is none (absent: problem and remedy) or it is not as it was written, and, if whole, where
-    that is so of a file; again: the remedy.
+    InputError where there is none (absent: problem and remedy), or where it or a file is not as it was written; again:
+    the remedy.
     """
     if not (Path(folder) / MANIFEST).is_file():
         raise InputError("-", folder, *absent)
@@ -38,7 +38,7 @@ def read_manifest(folder: str | os.PathLike, absent: tuple[str, str], again: str
         raise InputError("-", folder, f"{MANIFEST} holds no checksums", again)
     if content[CHECKSUM] != _checksum({name: value for name, value in content.items() if name != CHECKSUM}):
         raise InputError("-", Path(folder) / MANIFEST, "it is not as it was packed", again)
-    for name in content.get("files", {}) if whole else ():
+    for name in content.get("files", {}):
         check_file(folder, content, name, again)
     return content
 

@@ -46,7 +46,7 @@ def test_the_folds_of_the_curve_end_with_those_of_the_study():
     study = Study.of(CONFIG)
     folds, methods = study.folds, study.methods
     section = {"methods": ["pinnochio"], "patients": [128, 16, 8, 32], "folds": 2}
-    curve = Learning(section, {fold: len(folds.training(fold)) for fold in folds.held_out}, methods.used, methods.taken)
+    curve = Learning(section, {fold: len(folds.training(fold)) for fold in folds.held_out}, methods.used)
     assert curve.folds == {8: ["1of8", "2of8"], 16: ["1of16", "2of16"], 32: ["1", "2"]}
     for fold in ("1of8", "1of16"):
         assert folds.kept_from(fold) == folds.held_out["1"] == folds.judged(fold)
@@ -56,8 +56,6 @@ def test_the_folds_of_the_curve_end_with_those_of_the_study():
     assert files["trained"][0] == "<results>/folds/1of8/pinnochio/metrics.csv" and len(files["trained"]) == 6
     with pytest.raises(InputError, match="fem_sliding.*add it to 'methods'"):
         replace(curve, methods=["no_change", "pinnochio"]).metrics(None)
-    with pytest.raises(InputError, match="no network of 'pinnochio' of fewer patients"):
-        replace(curve, taken=["pinnochio"]).metrics(None)
 
 
 def test_each_number_is_compared_over_the_same_patients(rows):

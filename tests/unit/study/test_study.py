@@ -10,7 +10,6 @@ from pinnochio.study.cohort import Cohort
 from pinnochio.study.inputs.cohort import CohortInputs
 from pinnochio.study.inputs.rules import RuleInputs
 from pinnochio.study.study import Study
-from pinnochio.training.network_archive import pack
 from studies.planner.inputs import PlannerInputs
 from tests.helpers.settings import CONFIG
 
@@ -172,31 +171,3 @@ def test_a_method_that_only_an_archive_knows_is_a_graph_network():
     predictor = RuleInputs(study()).prediction.predictor
     assert predictor(job(method="of_an_archive")) == predictor(job(method="pinnochio"))
     assert predictor(job(method="acmt")) != predictor(job(method="pinnochio"))
-
-
-def test_networks_are_taken_from_an_archive_of_the_same_folds(tmp_path):
-    """Those that it holds; the others are trained, and what was trained otherwise says so in the table."""
-    trained, folder = study(), tmp_path / "archive"
-    assert trained.methods.taken == [] and set(trained.methods.learned) <= set(trained.methods.trained_here)
-    phases = {"finetuning": CONFIG["surface"]["networks"]["acmt"]["finetuning"] | {"steps": 8000}}
-    for fold in trained.folds.held_out:
-        (tmp_path / fold / "acmt").mkdir(parents=True)
-        for name in ("network.pt", "finetuning.csv"):
-            (tmp_path / fold / "acmt" / name).write_text(name)
-    about = {"held_out": trained.folds.held_out, "shown": trained.config, "provenance": {}}
-    pack(trained=tmp_path, out=folder, methods={"acmt": phases}, **about)
-    made = study(networks="archive", networks_archive=str(folder))
-    assert (
-        made.methods.taken == ["acmt"]
-        and "acmt" not in made.methods.trained_here
-        and "dgcfp" in made.methods.trained_here
-    )
-    assert (
-        made.methods.phases("acmt")["finetuning"]["steps"] == 8000
-        and made.methods.phases("acmt")["pretraining"] is None
-    )
-    assert made.methods.phases("dgcfp") == trained.methods.phases("dgcfp")
-    with pytest.raises(InputError, match="another configuration: folds"):
-        _ = study(11, networks="archive", networks_archive=str(folder)).methods.taken
-    with pytest.raises(InputError, match="there is no archive of trained networks"):
-        _ = study(networks="archive", networks_archive=str(tmp_path)).methods.taken

@@ -8,7 +8,6 @@ from pinnochio.errors import InputError
 from pinnochio.methods.registry import Method, registry
 from pinnochio.study.cohort import Cohort
 from pinnochio.study.folds import Folds
-from pinnochio.training.network_archive import NetworkArchive
 from pinnochio.training.settings import PHASES
 
 
@@ -96,37 +95,14 @@ class Methods:
         """Known methods that the project itself predicts by."""
         return [name for name, method in self.registry.items() if method.predictor]
 
-    @cached_property
-    def archive(self) -> NetworkArchive | None:
-        """The archive that networks are taken from, if the configuration says so; InputError where it is no archive of
-        networks that were trained on this cohort and these folds."""
-        if self.config["networks"] == "train":
-            return None
-        folder = self.config["networks_archive"]
-        archive = NetworkArchive.read(folder)
-        archive.refuse_others(folder, self.config, self.folds.held_out)
-        return archive
-
-    @cached_property
-    def taken(self) -> list[str]:
-        """Methods whose networks are taken from the archive, which may not hold all."""
-        archived = self.archive.methods if self.archive else ()
-        return [name for name in self.trained("by steps") if name in archived]
-
     @property
-    def trained_here(self) -> list[str]:
-        """Known methods that the study trains by steps itself."""
-        return [name for name in self.trained("by steps") if name not in self.taken]
-
-    @property
-    def pretrained_here(self) -> list[str]:
-        """Those of them that finite-element samples pretrain first."""
-        return [name for name in self.trained_here if "pretraining" in self.registry[name].settings]
+    def pretrained(self) -> list[str]:
+        """Methods that finite-element samples pretrain before they train by steps."""
+        return [name for name in self.trained("by steps") if "pretraining" in self.registry[name].settings]
 
     def phases(self, method: str) -> dict[str, Mapping | None]:
-        """Settings of each phase that the method's networks are trained in, or were, where they are taken."""
-        settings = self.archive.methods[method] if method in self.taken else self.registry[method].settings
-        return {phase: settings.get(phase) for phase in PHASES.values()}
+        """Settings of each phase that the method's networks are trained in."""
+        return {phase: self.registry[method].settings.get(phase) for phase in PHASES.values()}
 
     def learned_in(self, section: str) -> list[str]:
         """Methods that a section of the configuration names and that the study trains."""

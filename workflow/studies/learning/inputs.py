@@ -13,13 +13,11 @@ METRICS = "<results>/folds/{}/{}/metrics.csv"
 
 @dataclass(frozen=True)
 class Learning:
-    """section: of the configuration; training: patients that each fold trains on; methods: of the study; taken: those
-    whose networks come from an archive of all patients."""
+    """section: of the configuration; training: patients that each fold trains on; methods: of the study."""
 
     section: Mapping
     training: Mapping[str, int]
     methods: Sequence[str]
-    taken: Sequence[str]
 
     @cached_property
     def folds(self) -> dict[int, list[str]]:
@@ -39,13 +37,6 @@ class Learning:
         if BASELINE not in self.methods:
             problem = f"the learning curve is seen against {BASELINE!r}"
             raise InputError("-", "configuration", problem, "add it to 'methods'")
-        if taken := [name for name in self.section["methods"] if name in self.taken]:
-            raise InputError(
-                "-",
-                "configuration",
-                f"the archive of networks has no network of {taken[0]!r} of fewer patients",
-                "train all of them here (networks: train), or leave it out of learning.methods",
-            )
         *_, whole = self.folds.values()
         parts = [fold for folds in self.folds.values() for fold in folds]
         return {

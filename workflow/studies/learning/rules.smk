@@ -6,7 +6,6 @@ LEARNING = Learning(
     section=config["learning"],
     training={fold: len(STUDY.folds.training(fold)) for fold in STUDY.folds.held_out},
     methods=STUDY.methods.used,
-    taken=STUDY.methods.taken,
 )
 add_table(
     "learning",

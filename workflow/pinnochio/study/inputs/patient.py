@@ -86,7 +86,7 @@ class PatientInputs:
     def to_train_on(self) -> dict[str, str]:
         """What comes with the model of a case of the study for what is trained: the lift, and samples of plans."""
         methods, folder = self.study.methods, "<results>/cases/{case}"
-        sampled = [*methods.pretrained_here, *methods.trained("at once")]
+        sampled = [*methods.pretrained, *methods.trained("at once")]
         return {
             **({"lift": f"{folder}/lift_elastic.h5"} if methods.learned else {}),
             **({"fem_samples": f"{folder}/fem_samples.h5"} if {*methods.used} & {*sampled} else {}),

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pinnochio.manifest import MANIFEST
 from pinnochio.study.inputs.gathered import GatheredInputs
 from pinnochio.study.study import Study
 from pinnochio.training.settings import PATIENTS_IN_MEMORY
@@ -42,14 +41,6 @@ class TrainingInputs:
         return lambda wildcards: {
             name: value for name, value in self.study.methods[wildcards.method].settings.items() if name in names
         }
-
-    def archived(self, *names: str) -> Callable:
-        """Params function: the archive's names of these files of the job's network."""
-        return lambda wildcards: [f"{wildcards.fold}/{wildcards.method}/{name}" for name in names]
-
-    def manifest(self, wildcards) -> str:
-        """The manifest of the archive that networks are taken from."""
-        return f"{self.study.config['networks_archive']}/{MANIFEST}"
 
     @property
     def histories(self) -> list[str]:
