@@ -52,5 +52,6 @@ if __name__ == "__main__":
         | {"label_values": params.labels, "segments": tuple(params.segments), "repair_limit": params.repair["limit"]},
         plan={"label_values": params.labels} | {name: params[name] for name in ("limit", "share", "foreign")},
         known=params.get("known"),
-        record=Path(snakemake.output[0]).with_name(".import_case.json"),
+        # One of each rule: those of a new patient run side by side.
+        record=Path(snakemake.output[0]).with_name(f".{snakemake.rule}.json"),
     )
