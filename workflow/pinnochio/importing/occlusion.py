@@ -17,20 +17,10 @@ from pinnochio.errors import refusal
 from pinnochio.geometry.closed_surfaces import read_triangles, surfaces_in
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.geometry.triangles import vertex_normals
+from pinnochio.importing import segment_registration as bones
 from pinnochio.importing.registration import coarse, spread
-from pinnochio.importing.segment_registration import (
-    COARSE_SAMPLES,
-    CUT,
-    EDGE,
-    FEW,
-    MATCHED,
-    SAMPLES,
-    ScannedBone,
-    VisibleBone,
-    fitted,
-)
 from pinnochio.importing.segmentation import Segmentation
-from pinnochio.model.bones import of_segments
+from pinnochio.model.bones import above_teeth, of_segments
 from pinnochio.model.surfaces import bone_surface
 from pinnochio.plans.plan import TRANSFORM_FORMATS, Plan
 from pinnochio.plans.roles import UNCUT, of_role
@@ -52,11 +42,10 @@ def read_occlusion(folder: str | os.PathLike, case: str, head: Segmentation, seg
     turning about their condyles. InputError where a file is missing or fits no teeth, and for a maxilla in pieces.
     """
     refuse = refusal(case, folder)
-    files = {
-        jaw: [file for file in surfaces_in(folder) if word.search(file.stem.lower())] for jaw, word in NAMES.items()
-    }
+    there = surfaces_in(folder)
+    files = {jaw: [file for file in there if word.search(file.stem.lower())] for jaw, word in NAMES.items()}
     if sorted(map(len, files.values())) != [1, 1] or files["upper"] == files["lower"]:
-        listed = ", ".join(file.name for file in surfaces_in(folder))
+        listed = ", ".join(file.name for file in there)
         refuse(f"it holds {listed}", "keep two scans, named upper and lower (upper.stl, lower.stl)")
     upper, lower = of_role(segments, "maxilla"), of_role(segments, "distal", UNCUT)
     if len(lower) != 1 or len(upper) > 1:
@@ -67,20 +56,19 @@ def read_occlusion(folder: str | os.PathLike, case: str, head: Segmentation, seg
             moved |= read_transforms(file, case)
     if lower[0] in moved:
         refuse(f"{lower[0]!r} has a transform beside the arches", "keep one of both")
-    bone = bone_surface(head.labels, head.spacing, head.origin, tuple(segments), EDGE)
-    jaws = [of_segments(bone.segment, segments, "maxilla") if upper else bone.segment < 0]
-    jaws.append(of_segments(bone.segment, segments, "distal", UNCUT))
+    bone = bone_surface(head.labels, head.spacing, head.origin, tuple(segments), bones.EDGE)
+    body = of_segments(bone.segment, segments, "distal", UNCUT)
+    above = of_segments(bone.segment, segments, "maxilla") if upper else above_teeth(bone.points, bone.segment, body)
+    jaws = [above, body]
     frames, start, scans = [], RigidMotion(), [read_triangles(files[jaw][0], refuse) for jaw in NAMES]
     for jaw, side, other, arch, against in zip(NAMES, jaws, jaws[::-1], scans, scans[::-1], strict=True):
         teeth = _beside(bone.points, bone.faces[side[bone.faces[:, 0]]], bone.points[other], BITE)
         crowns = _beside(*arch, against[0], CROWN)
         start = _registered(crowns, teeth, start, refusal(case, files[jaw][0]))
         frames.append(start)
-    before, after = frames[1], frames[0]  # of the lower arch: onto its teeth before surgery, and in occlusion
-    turn = after.rotation @ before.rotation.T
-    shift = after.apply(before.inverse(np.zeros((1, 3))))[0]
-    middle = bone.points[jaws[1]].mean(axis=0)
-    whole = RigidMotion(turn, shift).about(middle)
+    middle = bone.points[body].mean(axis=0)
+    # The lower arch, off its teeth before surgery, goes where the upper one brings both.
+    whole = composed(frames[0], frames[1].back, middle)
     if upper:
         whole = composed(moved.setdefault(upper[0], RigidMotion()), whole, middle)
     anatomy = JawAnatomy.from_points(bone.points, bone.segment, tuple(segments))
@@ -104,19 +92,19 @@ def _registered(crowns, teeth, start: RigidMotion, refuse) -> RigidMotion:
         refuse("hardly any of it, or of its jaw, lies near the other one", "give both arches in occlusion, in mm")
     points, faces = start.apply(crowns[0]), crowns[1]
     normals = vertex_normals(points, faces)
-    few, many = (spread(points, faces, count) for count in (COARSE_SAMPLES, SAMPLES))
+    few, many = (spread(points, faces, count) for count in (bones.COARSE_SAMPLES, bones.SAMPLES))
     rotation, shift = coarse(points[few], normals[few], *teeth, -np.inf, teeth[0])
-    scan = VisibleBone(points[many], normals[many], np.arange(0, len(many), max(1, len(many) // FEW)))
-    target = ScannedBone(teeth[0], vertex_normals(*teeth))
-    motion = fitted(scan, target, RigidMotion(rotation, shift))
-    off = np.abs(target.pairs(motion.apply(scan.points), scan.normals @ motion.rotation.T, CUT)[2])
-    matched = 100 * float((off < MATCHED).sum()) / len(many)
+    scan = bones.VisibleBone(points[many], normals[many], np.arange(0, len(many), max(1, len(many) // bones.FEW)))
+    target = bones.ScannedBone(teeth[0], vertex_normals(*teeth))
+    motion = bones.fitted(scan, target, RigidMotion(rotation, shift))
+    off = np.abs(target.pairs(motion.apply(scan.points), scan.normals @ motion.rotation.T, bones.CUT)[2])
+    matched = 100 * float((off < bones.MATCHED).sum()) / len(many)
     median = float(np.median(off)) if len(off) else np.inf
     LOG.info("arch on its teeth: median %.2f mm, %.0f %% matched", median, matched)
     if not (median <= WORST and matched >= LEAST):
         refuse(
             f"registered on the teeth it leaves a median distance of {median:.2f} mm (limit {WORST:g} mm) and lies "
-            f"within {MATCHED:g} mm of them with {matched:.0f} % of the crowns (at least {LEAST:g} %)",
+            f"within {bones.MATCHED:g} mm of them with {matched:.0f} % of the crowns (at least {LEAST:g} %)",
             "check that it is this jaw of this patient, in mm and not mirrored",
         )
     return RigidMotion(motion.rotation @ start.rotation, motion.apply(start.apply(np.zeros((1, 3))))[0])
