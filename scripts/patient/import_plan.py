@@ -10,6 +10,7 @@ from pinnochio.logs import collected
 from pinnochio.model.surfaces import BoneSurface
 from pinnochio.plans.areg import matrices, read_areg
 from pinnochio.plans.plan import Plan
+from pinnochio.plans.transforms import transforms_in
 from pinnochio.volume_size import is_image
 
 
@@ -58,14 +59,21 @@ def _checked_plan(case, source, bone, labels, label_values, limit, share, foreig
             logging.info("%s: median %.3f mm, %.0f %% matched", fit.segment, fit.median, fit.matched)
         check_fits((cranium, *fits), limit=limit, share=share, case=case, file=source)
         checked = Plan(case, {fit.segment: fit.motion for fit in fits})
-    elif surfaces_in(source):
+    elif matrices(source):
+        checked = read_areg(source, case, surface.segments)
+    elif surfaces_in(source) and _holds_arches(source):
         from pinnochio.importing.occlusion import read_occlusion
 
         checked = read_occlusion(source, case, read_labels(labels), surface.segments)
-    elif matrices(source):
-        checked = read_areg(source, case, surface.segments)
     else:
         checked = Plan.read(source, case, foreign)
     check_plan(checked, surface.segments, source)
     check_travel(plan=checked, bone=surface, segments=surface.segments, path=source)
     return checked
+
+
+def _holds_arches(folder: str) -> bool:
+    """Whether surfaces of a plan's folder are arches: bones may lie beside transforms, which are then the plan."""
+    from pinnochio.importing.occlusion import arches
+
+    return all(arches(folder).values()) or not transforms_in(folder)

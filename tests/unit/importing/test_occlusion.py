@@ -42,6 +42,10 @@ def test_the_mandible_goes_where_its_arch_lies_under_a_maxilla_that_moves_too(he
     assert np.linalg.norm(off, axis=1).max() < TOLERANCE and plan.motion("proximal_left").angle == 0
     assert 0.1 < plan.motion("proximal_right").angle < 5  # it follows about its condyle
     assert "proximal_right follow the mandible" in plan.warnings[0]
+    (folder / "LowerJawScan.stl").rename(folder / "bone.stl")
+    with pytest.raises(InputError, match="says nothing of 'mandible_distal'"):  # bones beside transforms are no arches
+        import_plan("P", str(folder), str(tmp_path / "bone.vtp"), str(out), str(tmp_path / "labels.nii.gz"))
+    (folder / "bone.stl").rename(folder / "lower.stl")
     write_transforms({JAW: MAXILLA}, folder)
     with pytest.raises(InputError, match="has a transform beside the arches"):
         read_occlusion(folder, "P", head, head.segments)

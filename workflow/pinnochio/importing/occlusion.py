@@ -22,16 +22,23 @@ from pinnochio.importing.registration import coarse, spread
 from pinnochio.importing.segmentation import Segmentation
 from pinnochio.model.bones import above_teeth, of_segments
 from pinnochio.model.surfaces import bone_surface
-from pinnochio.plans.plan import TRANSFORM_FORMATS, Plan
+from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import UNCUT, of_role
 from pinnochio.plans.sampling import JawAnatomy, composed, ramus_following
-from pinnochio.plans.transforms import read_transforms
+from pinnochio.plans.transforms import read_transforms, transforms_in
 
 LOG = logging.getLogger(__name__)
 NAMES = {"upper": re.compile("upper|maxill"), "lower": re.compile("lower|mandib")}  # in the names of the files
 BITE = 18.0  # mm from the other jaw: teeth, whichever way the head lies [I]
 CROWN = 6.0  # mm from the other arch: crowns, and little gum [I]
 WORST, LEAST, FEWEST = 0.6, 50.0, 50  # mm of median distance, % of the crowns on teeth, triangles [I]
+
+
+def arches(folder: str | os.PathLike) -> dict[str, list[Path]]:
+    """The surfaces of a folder that are called upper and lower, by these words."""
+    return {
+        jaw: [file for file in surfaces_in(folder) if word.search(file.stem.lower())] for jaw, word in NAMES.items()
+    }
 
 
 def read_occlusion(folder: str | os.PathLike, case: str, head: Segmentation, segments: Sequence[str]) -> Plan:
@@ -42,18 +49,16 @@ def read_occlusion(folder: str | os.PathLike, case: str, head: Segmentation, seg
     turning about their condyles. InputError where a file is missing or fits no teeth, and for a maxilla in pieces.
     """
     refuse = refusal(case, folder)
-    there = surfaces_in(folder)
-    files = {jaw: [file for file in there if word.search(file.stem.lower())] for jaw, word in NAMES.items()}
+    files = arches(folder)
     if sorted(map(len, files.values())) != [1, 1] or files["upper"] == files["lower"]:
-        listed = ", ".join(file.name for file in there)
+        listed = ", ".join(file.name for file in surfaces_in(folder))
         refuse(f"it holds {listed}", "keep two scans, named upper and lower (upper.stl, lower.stl)")
     upper, lower = of_role(segments, "maxilla"), of_role(segments, "distal", UNCUT)
     if len(lower) != 1 or len(upper) > 1:
         refuse(f"{', '.join(upper + lower)} are no whole jaws", "give the motions of the pieces as transforms")
     moved = {}
-    for file in sorted(Path(folder).iterdir()):
-        if file.suffix.lower() in TRANSFORM_FORMATS and not file.name.startswith("."):
-            moved |= read_transforms(file, case)
+    for file in transforms_in(folder):
+        moved |= read_transforms(file, case)
     if lower[0] in moved:
         refuse(f"{lower[0]!r} has a transform beside the arches", "keep one of both")
     bone = bone_surface(head.labels, head.spacing, head.origin, tuple(segments), bones.EDGE)

@@ -74,6 +74,12 @@ def read_transforms(folder: str | os.PathLike, case: str) -> dict[str, RigidMoti
     return {segment: _read_motion(file, case) for segment, file in files.items()}
 
 
+def transforms_in(folder: str | os.PathLike) -> list[Path]:
+    """The files of transforms in a folder, by name."""
+    files = (file for file in sorted(Path(folder).iterdir()) if not file.name.startswith("."))
+    return [file for file in files if file.suffix.lower() in TRANSFORM_FORMATS]
+
+
 def write_transforms(motions: Mapping[str, RigidMotion], folder: str | os.PathLike) -> None:
     """Write `{segment}.tfm` for each motion, as 3D Slicer does: from parent, LPS, mm, an affine about the origin."""
     for segment, motion in motions.items():
