@@ -12,7 +12,7 @@ rule virtual_patient:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=4000,
+        mem_mb=megabytes(4000),
         runtime=10,
     params:
         number=lambda wildcards: INPUTS.cohort.drawn[wildcards.case]["number"],
@@ -83,7 +83,7 @@ rule virtual_outcome:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=6000,
+        mem_mb=megabytes(6000),
         runtime=30,
     params:
         outcome=config["virtual"]["outcome"],

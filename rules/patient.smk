@@ -25,7 +25,7 @@ rule import_case:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=lambda wildcards, input: 4000 + 30 * millions(input.segmentation),
+        mem_mb=megabytes(lambda _, files: 4000 + 30 * millions(files.segmentation)),
         runtime=lambda wildcards, input: 10 + millions(input.segmentation) // 4,
     params:
         labels=config["labels"],
@@ -161,7 +161,7 @@ rule follow_up:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=4000,
+        mem_mb=megabytes(4000),
         runtime=20,
     params:
         labels=config["labels"],
@@ -305,7 +305,7 @@ rule model_case:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=lambda wildcards, input: 4000 + 60 * millions(input.labels),
+        mem_mb=megabytes(lambda _, files: 4000 + 60 * millions(files.labels)),
         runtime=120,
     params:
         nodes=config["mesh"]["nodes"],

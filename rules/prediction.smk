@@ -40,7 +40,7 @@ rule predict_cases:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=4000,
+        mem_mb=megabytes(4000),
         runtime=60,
         gpu=lambda wildcards: (
             GPU if wildcards.method in STUDY.methods.trained("by steps") else 0

@@ -17,7 +17,7 @@ rule pretrain:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=INPUTS.training.memory,
+        mem_mb=megabytes(lambda wildcards, _: INPUTS.training.memory(wildcards)),
         runtime=240,
         gpu=GPU,
     params:
@@ -52,7 +52,7 @@ rule finetune:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=INPUTS.training.memory,
+        mem_mb=megabytes(lambda wildcards, _: INPUTS.training.memory(wildcards)),
         runtime=240,
         gpu=GPU,
     params:
@@ -86,7 +86,7 @@ rule fit:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=4000,
+        mem_mb=megabytes(4000),
         runtime=30,
     params:
         cases=INPUTS.training.cases,

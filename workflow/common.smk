@@ -116,6 +116,13 @@ def check_networks(key, names):
             )
 
 
+def megabytes(usual):
+    """Resource: memory, twice as much for a job that is sent again; usual: a number, or of a job's wildcards and input."""
+    if callable(usual):
+        return lambda wildcards, input, attempt: usual(wildcards, input) * attempt
+    return lambda wildcards, attempt: usual * attempt
+
+
 def captioned(path, name=None):
     """An output that `snakemake --report` shows: with the caption of that name, by default the file's own."""
     name = name or Path(path).stem

@@ -65,3 +65,12 @@ def warnings_in(path: str) -> list[str]:
             return [line.split(": ", 1)[1].strip() for line in file if re.match(r"\S+ \S+ WARNING pinnochio\.", line)]
     except OSError:
         return []
+
+
+def last_line(path: str) -> str:
+    """The last line of a log file, which says why a stage has failed; nothing where there is none."""
+    try:
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return ["", *filter(None, map(str.strip, file))][-1]
+    except OSError:
+        return ""

@@ -69,6 +69,20 @@ def test_the_message_of_a_target_says_where_to_look(logger):
     assert logger.said() == "see report.html\n"
 
 
+def test_the_list_of_what_failed_stands_at_the_end_with_reasons(logger, tmp_path):
+    """A job that came right when it was sent again is not on it."""
+    log, console = tmp_path / "a.log", quieten(logger.logger, lambda: True)
+    log.write_text("Traceback\npinnochio.errors.InputError: case 'P3': scan.ply: it is empty\n\n")
+    for number in (1, 2):
+        logger.handle(record(event="job_info", jobid=number, rule_name="import_case", output=["a"], log=[str(log)]))
+        logger.handle(record(logging.ERROR, "it broke", event="job_error", jobid=number))
+    logger.handle(record(event="job_info", jobid=2, rule_name="import_case", output=["a"], log=[str(log)]))
+    logger.handle(record(event="job_finished", job_id=2))
+    console.summary()
+    reason = "import_case: pinnochio.errors.InputError: case 'P3': scan.ply: it is empty"
+    assert [line for line in logger.said().splitlines() if "Failed" in line] == [f"Failed (1 of 1): {reason}"]
+
+
 def test_what_stages_warned_of_is_shown_once_at_the_end(logger, tmp_path):
     line = "2026-01-01 10:00:00,000 {} {}: case 'P1': no muscle\n"
     log = tmp_path / "a.log"

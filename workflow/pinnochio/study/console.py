@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import TextIO
 
-from pinnochio.logs import warnings_in
+from pinnochio.logs import last_line, warnings_in
 
 EVERY = 20.0  # s between two lines where the console keeps every line
 MOST = 20  # warnings of stages that are shown at the end
@@ -36,10 +36,11 @@ class Console(logging.Handler):
         self.changing = stream.isatty() and os.environ.get("TERM") != "dumb"
         self.said, self.drawn = -EVERY, False
         self.warnings: list[str] = []
+        self.failed: dict[int, str] = {}  # what failed and why, by job
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Takes what concerns jobs."""
-        return getattr(record, "event", None) in ("run_info", "job_info", "job_finished") and self.runs()
+        return getattr(record, "event", None) in ("run_info", "job_info", "job_finished", "job_error") and self.runs()
 
     def emit(self, record: logging.LogRecord) -> None:
         now = time.monotonic()
@@ -52,8 +53,13 @@ class Console(logging.Handler):
                 self.clear()
                 self.stream.write(f"{record.rule_msg or record.rule_name}\n")
                 self.said = now  # it is the last line, or nearly so
+        elif record.event == "job_error":
+            number = getattr(record, "jobid", 0)
+            rule, logs = self.running.pop(number, ("a job", []))
+            self.failed[number] = f"{rule}: {next(filter(None, map(last_line, logs)), 'it left no log')}"
         elif record.job_id in self.running:
             self.done += 1
+            self.failed.pop(record.job_id, None)
             for log in self.running.pop(record.job_id)[1]:
                 self.warnings = list(dict.fromkeys([*self.warnings, *warnings_in(log)]))
         self.show(now)
@@ -67,8 +73,11 @@ class Console(logging.Handler):
         return f"{self.done} of {self.jobs} jobs done; {names or 'starting'}{time_left}"
 
     def summary(self) -> None:
-        """Show once what stages have warned of."""
+        """Show once what stages have warned of, and what failed and why."""
         self.clear()
+        for place, words in enumerate(self.failed.values(), 1):
+            self.stream.write(f"Failed ({place} of {len(self.failed)}): {words}\n")
+        self.failed = {}
         for words in self.warnings[:MOST]:
             self.stream.write(f"Warning: {words}\n")
         if len(self.warnings) > MOST:
