@@ -118,6 +118,17 @@ def made_tables(said: str) -> set[str]:
     return set(re.findall(r"Make the table (\w+)", said))
 
 
+def write_cohort(project, scanned, unscanned):
+    """Empty files will do: no job runs."""
+    rows = ["case\tsegmentation\tplan\tpostop"]
+    for name in [*scanned, *unscanned]:
+        for suffix in ("nii.gz", "json", "ply"):
+            (project.folder / f"{name}.{suffix}").touch()
+        scan = f"{name}.ply" if name in scanned else ""
+        rows.append(f"{name}\t{name}.nii.gz\t{name}.json\t{scan}")
+    (project.folder / "cases.tsv").write_text("\n".join(rows) + "\n")
+
+
 def write_case(folder, name="P1", *, labels=None, plan=None, scale=1.0):
     """A small head: nested boxes with every structure, its plan and its post-operative skin."""
     if labels is None:

@@ -5,17 +5,7 @@ import re
 import pytest
 
 from tests.helpers.study import jobs as counted
-
-
-def write_cohort(project, scanned, unscanned):
-    """Empty files will do: no job runs."""
-    rows = ["case\tsegmentation\tplan\tpostop"]
-    for name in [*scanned, *unscanned]:
-        for suffix in ("nii.gz", "json", "ply"):
-            (project.folder / f"{name}.{suffix}").touch()
-        scan = f"{name}.ply" if name in scanned else ""
-        rows.append(f"{name}\t{name}.nii.gz\t{name}.json\t{scan}")
-    (project.folder / "cases.tsv").write_text("\n".join(rows) + "\n")
+from tests.helpers.study import write_cohort
 
 
 def plan_jobs(project, *arguments, folds=3):

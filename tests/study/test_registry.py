@@ -4,8 +4,7 @@ import re
 from base64 import urlsafe_b64encode
 from pathlib import Path
 
-from tests.helpers.study import Project, jobs
-from tests.study.test_job_lists import write_cohort
+from tests.helpers.study import Project, jobs, write_cohort
 from workflow.withdraw import withdraw
 
 OF_A_PATIENT = ("import_case", "register_postop", "model_case", "choose_samples")
