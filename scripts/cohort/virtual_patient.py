@@ -7,15 +7,16 @@ import numpy as np
 from pinnochio.errors import InputError
 from pinnochio.files import replacing
 from pinnochio.importing.segmentation import write_segmentation
+from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.model.labels import AIR, internal_codes
 from pinnochio.seeds import generator
+from pinnochio.virtual.covariates import sample_covariates
 from pinnochio.virtual.description import describe
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.procedures import DEFORMITIES, Procedure
 from pinnochio.virtual.scanned import sample_patient
 from pinnochio.virtual.treatment import treatment_plan
-from scripts.cohort.sample_covariates import draw_covariates
 
 
 def virtual_patient(
@@ -53,6 +54,13 @@ def virtual_patient(
     for name, content in (("landmarks", landmarks), ("anatomy", {"case": case} | describe(head, plan))):
         with replacing(outputs[name]) as temporary:
             temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def draw_covariates(case: str, anatomy: str, reality: str, seed: int, covariates: str) -> None:
+    """Draw what a clinic would know beside plan and images; anatomy: JSON file of the patient; reality: of the outcome;
+    covariates: JSON file to write."""
+    rng = generator(seed, "sample_covariates", case)
+    sample_covariates(read_stored_json(anatomy), reality, rng).write(covariates)
 
 
 if __name__ == "__main__":

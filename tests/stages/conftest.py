@@ -13,8 +13,8 @@ from pinnochio.patients.model_archive import Archive, calibration_file, network_
 from pinnochio.statistics.intervals import Calibration
 from pinnochio.virtual.head import USUAL
 from scripts.cohort.carry_truth import carry_truth
-from scripts.cohort.sample_covariates import draw_covariates
 from scripts.cohort.virtual_outcome import virtual_outcome
+from scripts.cohort.virtual_patient import draw_covariates
 from scripts.fem.simulate_fem import simulate_fem
 from scripts.patient.choose_samples import choose_samples
 from scripts.patient.make_lift import write_lift
