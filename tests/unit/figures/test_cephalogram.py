@@ -37,8 +37,8 @@ def test_measures_of_bone_are_those_of_a_drawn_film():
 
 def test_landmarks_of_bone_lie_where_anatomy_has_them_and_go_with_their_segment(face):
     rest = face._cephalogram.bone.under(REST)
-    assert {"N", "ANS", "U1", "L1", "Pog", "Me", "Go"} <= rest.keys()
-    heights = [rest[name][2] for name in ("N", "ANS", "U1", "Pog", "Me")]
+    assert rest.keys() == {"N", "ANS", "A", "U1", "L1", "B", "Pog", "Me", "Go"}
+    heights = [rest[name][2] for name in ("N", "ANS", "A", "U1", "B", "Pog", "Me")]
     assert heights == sorted(heights, reverse=True) and rest["Go"][1] > rest["Me"][1] + 40
     skin = face.landmarks.positions
     assert all(place[1] > np.nanmin(skin[:, 1]) for place in rest.values())  # none in front of the nose

@@ -41,8 +41,7 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
     U1, L1: edges of the incisors. ANS: foremost at the height of the spine; A: deepest behind the chord from ANS to the
     alveolar crest. Me: lowest of the chin, Pog: its foremost; B: deepest behind the chord from Pog to the crest. N:
     deepest behind the chord from the glabella to the nasal bones, near the skin's sellion (3,) mm. Go: corners of both
-    jaw angles. A or B of bone without a hollow is left out; ANS of bone without a spine is a
-    place of its height.
+    jaw angles. A and B of bone without a hollow, and ANS of bone without a spine, are places of about their height.
     """
     lower = of_segments(patient.bone_segment, patient.segments, "distal", UNCUT, "chin")
     jaws = [mask & _front(patient.bone_points, mask, middle) for mask in (upper_jaw(patient), lower)]
@@ -62,22 +61,22 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
             nearest = np.where(mask, np.linalg.norm(patient.bone_points - place, axis=1), np.inf).argmin()
             points[name] = place[None], (_carrier(patient, nearest),)
 
-    def fold(name: str, line, start: int, end: int) -> dict[str, int]:
-        """The deepest place between two, unless it is one of them."""
+    def fold(line, start: int, end: int) -> int:
+        """The deepest place between two; half-way where the bone has no hollow there."""
         deepest = farthest(line, start, end, False)
-        return {name: deepest} if deepest not in (start, end) else {}
+        return deepest if deepest not in (start, end) else (start + end) // 2
 
     def upper_rule(line, at):
         edge = line[0, 1]
         spine = _foremost_of(line, at(edge + SPINE[0]), at(edge + SPINE[1]))
         crest = _foremost_of(line, at(edge + CREST[0]), at(edge + CREST[1]))
-        return {"U1": 0, "ANS": spine} | fold("A", line, crest, spine)
+        return {"U1": 0, "ANS": spine, "A": fold(line, crest, spine)}
 
     def lower_rule(line, at):
         top = len(line) - 1
         chin = _foremost_of(line, 0, at(line[0, 1] + CHIN))
         crest = _foremost_of(line, at(line[top, 1] - CREST[1]), at(line[top, 1] - CREST[0]))
-        return {"Me": 0, "Pog": chin, "L1": top} | fold("B", line, chin, crest)
+        return {"Me": 0, "Pog": chin, "L1": top, "B": fold(line, chin, crest)}
 
     def root_rule(line, at):
         root = at(sellion[2])
