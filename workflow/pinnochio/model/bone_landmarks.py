@@ -44,7 +44,11 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
     jaw angles. A and B of bone without a hollow, and ANS of bone without a spine, are places of about their height.
     """
     lower = of_segments(patient.bone_segment, patient.segments, "distal", UNCUT, "chin")
-    jaws = [mask & _front(patient.bone_points, mask, middle) for mask in (upper_jaw(patient), lower)]
+    upper, height = upper_jaw(patient), patient.bone_points[:, 2]
+    if (patient.bone_segment[upper] < 0).any():  # a maxilla that is not cut: up to its spine
+        edge = height[upper].min()
+        upper = (patient.bone_segment < 0) & (height >= edge) & (height < edge + SPINE[1])
+    jaws = [mask & _front(patient.bone_points, mask, middle) for mask in (upper, lower)]
     heights = [patient.bone_points[jaw, 2] for jaw in jaws]
     points: dict[str, tuple[np.ndarray, tuple[str, ...]]] = {}
 
