@@ -58,7 +58,8 @@ def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_pa
     assert "resumed at step" in logs
 
     mesh, training = last_job("model_case"), last_job("pretrain")
-    assert (mesh["MinMemoryNode"], mesh["TimeLimit"], mesh["CPUs/Task"]) == ("4060M", "02:00:00", "1")
+    # Four patients in one group, two of them at once.
+    assert "follow_up" in mesh["Comment"] and mesh["MinMemoryNode"] == "8120M"
     assert training["TimeLimit"] != mesh["TimeLimit"] and "TresPerJob" not in training
 
     assert alone.snakemake(*STUDY).returncode == 0
