@@ -15,7 +15,6 @@ from pinnochio.study.folds import Folds
 from pinnochio.study.methods import Methods
 from pinnochio.study.patients import Patient, of_study, read_patients
 
-STUDY_FILES = "<results>/cases/{case}"
 SHIPPED = ROOT / "models"  # an archive that comes with the project
 
 
@@ -114,19 +113,10 @@ class Study:
         """The model of the study's patient that the method predicts on, or another file of the same mesh."""
         return f"<results>/cases/{case}{'/lips' if self.methods[method].mesh == 'lips' else ''}/{file}"
 
-    def covariates(self, method: str, cases: Iterable[str]) -> list[str]:
-        """What else is known of the study's patients, for a method that reads it."""
-        return filled(f"{STUDY_FILES}/covariates.json", cases) if self.methods[method].covariates else []
-
-    def lifts(self, method: str, cases: Iterable[str]) -> list[str]:
-        """The lifts that the method's network wants."""
-        kind = self.methods[method].lift
-        return [] if kind == "none" else filled(f"{STUDY_FILES}/lift_{kind}.h5", cases)
-
     def sized(self, nodes: int, file: str) -> str:
         """A file of the patient on the mesh of so many nodes."""
         folder = "" if nodes == self.config["mesh"]["nodes"] else f"/nodes_{nodes}"
-        return f"{STUDY_FILES}{folder}/{file}"
+        return f"<results>/cases/{{case}}{folder}/{file}"
 
     @property
     def wildcards(self) -> dict[str, str]:

@@ -123,13 +123,13 @@ class PredictionInputs:
                 covariates=[f"{patient.folder}/covariates.json"],
                 settings={"fem": choice.settings["fem"], "newton_corrections": choice.corrections},
             )
-        study, method, folds = self.study, wildcards.method, list(self.study.folds.held_out)
+        method, folds = self.study.methods[wildcards.method], list(self.study.folds.held_out)
         return Ensemble(
             folds=folds,
-            networks=[f"<results>/folds/{fold}/{method}/network.pt" for fold in folds],
-            lifts=study.lifts(method, [patient.name]),
-            covariates=study.covariates(method, [patient.name]),
-            settings=predicting(study.methods[method].settings),
+            networks=[f"<results>/folds/{fold}/{wildcards.method}/network.pt" for fold in folds],
+            lifts=[] if method.lift == "none" else [f"{patient.folder}/lift_{method.lift}.h5"],
+            covariates=[f"{patient.folder}/covariates.json"] if method.covariates else [],
+            settings=predicting(method.settings),
         )
 
 
