@@ -48,8 +48,7 @@ def project(tmp_path_factory) -> Project:
         files += [project.folder / part for part in parts]
     files += [project.folder / f"elsewhere/V{number:02d}.npz" for number in range(1, PATIENTS + 1)]
     files += [project.folder / f"results/reference/SHA256SUMS.{role}" for role in ("development", "locked")]
-    labels = [project.folder / "results/headsq/labels.nii.gz"]
-    labels.append(project.folder.parent / "shared/data/artisynth_face/labels_1mm.nii.gz")
+    labels = [project.folder.parent / "shared/data/artisynth_face/labels_1mm.nii.gz"]
     for file in [*files, *labels]:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.touch()

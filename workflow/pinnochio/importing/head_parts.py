@@ -48,7 +48,7 @@ from pinnochio.volume_size import IMAGE_FORMATS
 LOG = logging.getLogger(__name__)
 VOXEL = 1.0  # mm: finer voxels are merged, elements are several times as large
 THIN = 0.4  # share of a merged voxel from which bone counts: plates of half a voxel stay [I]
-OPENING, APERTURE, DEPTH = 3.0, 10.0, 28.0  # mm, as the thresholds of a CT (thresholding.py)
+OPENING, APERTURE, DEPTH = 3.0, 10.0, 28.0  # mm
 LOOSE, COMPARABLE = 0.02, 0.2  # of the largest piece: a skull may be in pieces; a piece that is no crumb [I]
 ISLAND = 25.0  # mm between teeth of one arch, at most: what lies farther off is none [I]
 SMALLEST_HEAD = 0.3  # of the volume of the bones: less soft tissue is no face [I]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pinnochio.errors import InputError, refusal
-from pinnochio.importing.thresholding import Plane
+from pinnochio.geometry.plane import Plane
 from pinnochio.json_text import numbers, read_json
 
 ENDING, POINTS = ".mrk.json", ".fcsv"

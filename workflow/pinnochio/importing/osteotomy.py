@@ -8,12 +8,12 @@ import numpy as np
 from scipy import ndimage
 
 from pinnochio.errors import refusal
+from pinnochio.geometry.plane import Plane
 from pinnochio.importing.head_parts import HeadParts
 from pinnochio.importing.markups import Markups
 from pinnochio.importing.presets import LOWER, LOWER_TEETH, MANDIBLE, MUSCLE, SKULL, SOFT, UPPER, UPPER_TEETH
 from pinnochio.importing.segmentation import plain_name
 from pinnochio.importing.soft_tissue import largest
-from pinnochio.importing.thresholding import Plane
 from pinnochio.model.labels import AIR, CRANIUM, SUPERFICIAL, TOUCHING, segment_code
 from pinnochio.model.labels import MUSCLE as MUSCLE_CODE
 from pinnochio.plans.roles import GUESS
