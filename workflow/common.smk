@@ -1,9 +1,6 @@
 """The study of the configuration, and what the rules ask beside it."""
 
 import os
-import shlex
-import subprocess
-import sys
 import threading
 from contextlib import contextmanager
 from functools import cache
@@ -37,8 +34,7 @@ os.environ.setdefault("IGL_NUM_THREADS", "1")
 os.environ.setdefault("ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "1")
 # To wake a second thread of OpenBLAS costs 4 ms [X], more than any of the products here; Snakemake gives it as many as
 # the job has.
-SHELL = "set -euo pipefail; export OPENBLAS_NUM_THREADS=1; "
-shell.prefix(SHELL)
+shell.prefix("set -euo pipefail; export OPENBLAS_NUM_THREADS=1; ")
 
 HERE = Path(workflow.current_basedir.get_path_or_uri(secret_free=True))
 
@@ -172,46 +168,14 @@ if workflow.is_main_process and not (
     CONSOLE = quieten(logger, runs=lambda: not workflow.dryrun)
 
 
-# Of a new patient's jobs a third of the time would be imports.
-TRUNK = []
-BRANCHES = (
-    "scripts.patient.model_patient",
-    "scripts.patients.predict_plan",
-    "scripts.patient.show_segments",
-    "scripts.patient.show_quality",
-)
-
-
-def branch_off():
-    """From now on jobs start as branches of a process that has imported what they need, as soon as it has."""
-    command = [
-        sys.executable,
-        str(HERE / "branch_off.py"),
-        f".snakemake/branches.{os.getpid()}",
-    ]
-    threads = {
-        name: "1"
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    }
-    method, _, _ = INPUTS.prediction.predictor(STUDY.choice).partition(":")
-    shell.prefix(SHELL + shlex.join([command[0], "-IS", *command[1:]]) + " ")
-    modules = [method, *BRANCHES]
-    return subprocess.Popen(
-        [*command, *modules], stdin=subprocess.PIPE, env=os.environ | threads
-    )
-
-
 onstart:
     check_writable(RESULTS)
-    counts = workflow.dag.stats()[1]
     refuse_unfinished(
         targets=list(workflow.dag_settings.targets),
-        counts=counts,
+        counts=workflow.dag.stats()[1],
         cores=ALL_CORES,
         results=RESULTS,
     )
-    if "model_patient" in counts:
-        TRUNK.append(branch_off())
 
 
 def stop_timers():
@@ -223,8 +187,6 @@ def stop_timers():
 
 def finish():
     stop_timers()
-    for trunk in TRUNK:
-        trunk.communicate()
     if CONSOLE:
         CONSOLE.summary()
 
