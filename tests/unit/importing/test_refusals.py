@@ -196,8 +196,6 @@ BAD = {
     "fragments": (of_labels(changed(np.s_[8:14], np.s_[8:14], np.s_[26:28], code=11)), "P1", "P1.nii.gz",
                   "3.47 % of 'lefort1' .72 of 2072 voxels; the limit is 2 %."),
     "salt and pepper": (of_labels(noisy), "P1", "P1.nii.gz", "stray voxels.* of 'mandible'"),
-    "holes": (of_labels(changed(np.s_[14:17], np.s_[14:17], np.s_[11:14], code=0), spacing=2.0, limit=1.0), "P1",
-              "P1.nii.gz", "1.37 % of 'mandible' .27 of 1973"),
     "two faces": (of_labels(changed(np.s_[:], np.s_[:], np.s_[16:18], code=0)), "P1", "P1.nii.gz",
                   "'soft tissue' is in pieces.*one body"),
     "a segment of a few voxels": (of_labels(changed(np.s_[20:22], np.s_[20:22], np.s_[12:15], code=12, clear=12)), "P1",
