@@ -385,8 +385,6 @@ rule make_lift:
         "<logs>/make_lift/{home}/{case}{mesh}.log",
     benchmark:
         "<benchmarks>/make_lift/{home}/{case}{mesh}.tsv"
-    wildcard_constraints:
-        mesh=INPUTS.patient.without_lift,
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -400,6 +398,10 @@ rule make_lift:
         "Make the lift of {wildcards.case}{wildcards.mesh}"
     script:
         "../scripts/patient/make_lift.py"
+
+
+ruleorder: model_case > make_lift
+ruleorder: model_patient > make_lift
 
 
 rule meshes:

@@ -1,5 +1,6 @@
 """Plans as ITK and 3D Slicer transforms: their direction and frame, every rigid type, and what is refused."""
 
+import h5py
 import numpy as np
 import pytest
 import SimpleITK as sitk
@@ -178,6 +179,16 @@ def two_files(folder):
 
 LONG = [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 500, 0]
 NEARLY_STRAIGHT = [*Rotation.from_rotvec([1e-3, 0, 0], degrees=True).as_matrix().ravel(), 0, 5000, 0]
+
+
+def _millions(folder):
+    """A transform whose file says that it has ten thousand million parameters, none of which is there."""
+    with h5py.File(folder / "mandible.h5", "w") as file:
+        entry = file.create_group("TransformGroup/0")
+        entry["TransformType"] = np.array([b"AffineTransform_double_3_3"])
+        entry.create_dataset("TransformParameters", (10**10,), "f8", chunks=(1000,))
+
+
 BAD = {
     "scaling": (lambda d: save(sitk.ScaleTransform(3, (1.0, 1.0, 1.01)), d), "scales, shears or mirrors", "rigid"),
     "shear": (write(slicer_file([1, 0.1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0])), "scales, shears or mirrors", "rigid"),
@@ -193,6 +204,7 @@ BAD = {
     "metres": (write(slicer_file(LONG)), "by 500 mm", "millimetres"),
     "metres, hardly turned": (write(slicer_file(NEARLY_STRAIGHT)), "by 5000 mm", "millimetres"),
     "rubbish": (write("rubbish"), "cannot be read as a transform", "again"),
+    "an h5 of millions": (_millions, "cannot be read as a transform.*10000000000 numbers", "again"),
     "rubbish h5": (lambda d: (d / "mandible.h5").write_bytes(b"rubbish"), "cannot be read as a transform", "again"),
     "two files": (two_files, "'mandible' has two transforms", "one file"),
     "empty": (lambda d: None, "holds no transform", "one per segment"),

@@ -29,6 +29,7 @@ NO_ROTATION = 1e-6
 AGAIN = "save the linear transform again, with finite numbers"
 FIXED = "TransformFixedParameters"
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+MOST = 1000  # numbers of a linear transform are 16 at most
 LARGEST = 1e300  # a number beyond it is taken for infinite
 # Parameters and fixed parameters of ITK's linear transforms of space, by the name without its types.
 PARAMETERS = {
@@ -175,6 +176,13 @@ def _as_stored(transform: sitk.Transform, *stored) -> bool:
     )
 
 
+def _few(numbers: h5py.Dataset) -> np.ndarray:
+    """What a transform holds; ValueError where a damaged file says that it is millions, too long to read."""
+    if numbers.size > MOST:
+        raise ValueError(f"{numbers.name} holds {numbers.size} numbers")
+    return np.ravel(numbers[()])
+
+
 def _parameters(file: Path) -> list[tuple[str, Sequence[float], Sequence[float]]]:
     """Name, parameters and fixed parameters of each transform in the file.
 
@@ -185,8 +193,8 @@ def _parameters(file: Path) -> list[tuple[str, Sequence[float], Sequence[float]]
         with h5py.File(file) as content:
             return [
                 (
-                    np.ravel(entry["TransformType"][()])[0].decode(),
-                    *(np.ravel(entry[key][()]) if key in entry else () for key in ("TransformParameters", FIXED)),
+                    _few(entry["TransformType"])[0].decode(),
+                    *(_few(entry[key]) if key in entry else () for key in ("TransformParameters", FIXED)),
                 )
                 for entry in content["TransformGroup"].values()
             ]

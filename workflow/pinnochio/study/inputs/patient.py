@@ -77,12 +77,6 @@ class PatientInputs:
         return {"lift": "<results>/{home}/{case}/lift_elastic.h5"} if wanted else {}
 
     @property
-    def without_lift(self) -> str:
-        """Wildcard constraint: meshes whose lift does not come with their model."""
-        everywhere = "lift" in self.to_train_on and (self.lift or not self.study.choice)
-        return r"/nodes_\d+" if everywhere else self.study.wildcards["mesh"]
-
-    @property
     def to_train_on(self) -> dict[str, str]:
         """What comes with the model of a case of the study for what is trained: the lift, and samples of plans."""
         methods, folder = self.study.methods, "<results>/cases/{case}"
