@@ -65,7 +65,8 @@ def write_page(
             pictures.append((f"{level} interval", draw(_map, after, half_width), words))
     measures, landmarks, bone = in_numbers(rows)
     fine = "No check failed: the elements are valid"
-    fine += ", and patient and plan are like those of the training." if certificate["in_distribution"] else "."
+    alike = certificate["in_distribution"] and certificate["in_distribution"]["within"]
+    fine += ", and patient and plan are like those of the training." if alike else "."
     web_pages.write_page(
         path,
         TEMPLATE,
