@@ -351,13 +351,7 @@ use rule model_case as model_patient with:
 
 
 # On another mesh than the study's.
-use rule model_case as model_sized with:
-    input:
-        labels="<results>/{home}/{case}/labels.nii.gz",
-        bone="<results>/{home}/{case}/bone.vtp",
-        skin="<results>/{home}/{case}/skin.vtp",
-        report="<results>/{home}/{case}/import.json",
-        checked=ancient(INPUTS.patient.file("checked")),
+use rule model_patient as model_sized with:
     output:
         mesh=update("<results>/{home}/{case}/nodes_{nodes}/mesh.vtu"),
         model=update("<results>/{home}/{case}/nodes_{nodes}/model.h5"),
@@ -365,12 +359,8 @@ use rule model_case as model_sized with:
         "<logs>/model_sized/{home}/{case}_{nodes}.log",
     benchmark:
         "<benchmarks>/model_sized/{home}/{case}_{nodes}.tsv"
-    params:
-        nodes=INPUTS.patient.nodes,
-        minimum_dihedral=INPUTS.patient.setting("mesh", "minimum_dihedral"),
-        interfaces=INPUTS.patient.setting("interfaces"),
-        controls=INPUTS.patient.setting("lift", "controls"),
-        fem=INPUTS.patient.setting("fem"),
+    wildcard_constraints:
+        home=STUDY.wildcards["home"],
     message:
         "Mesh and label {wildcards.case} with {wildcards.nodes} nodes"
 

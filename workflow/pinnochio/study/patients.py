@@ -21,13 +21,7 @@ COVARIATES_FILE = "covariates.json"
 WORDS = {"True": "yes", "False": "no"}  # of a cohort table for JSON's own
 WISH = "wish"  # name of what is wished of the face, before its ending
 WISHES = (ENDING, ".ply", ".stl", ".vtp", ".obj", ".csv", ".tsv")
-BESIDE_SCAN = (
-    ".raw",
-    ".raw.gz",
-    ".zraw",
-    ".json",
-    ".txt",
-)  # endings of what lies beside a scan: its voxels, what it is
+BESIDE_SCAN = (".raw", ".raw.gz", ".zraw", ".json", ".txt")  # endings of what lies beside a scan: voxels, what it is
 OTHERS = ("postop", "transforms", "readme")  # what the planner reads and writes beside the patient, before its ending
 
 
