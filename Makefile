@@ -84,7 +84,7 @@ test: env
 
 FIRST := test-mechanics test-meshing
 # The longest first: the others fill what is left of two cores.
-TESTS := test-study test-unit test-stages test-workflow lint
+TESTS := test-unit test-study test-workflow test-stages lint
 
 COMPILING := tests/unit/mechanics tests/unit/networks tests/unit/meshing
 
