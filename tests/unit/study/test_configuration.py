@@ -8,7 +8,7 @@ import pytest
 from pinnochio.errors import InputError
 from pinnochio.importing.cohort import read_cases
 from pinnochio.seeds import derive_seed
-from pinnochio.study.cohort import virtual_cases
+from pinnochio.study.cohort import read_cohort, virtual_cases
 from pinnochio.study.configuration import check_config
 from pinnochio.study.folds import assign_folds
 from tests.helpers.settings import CONFIG
@@ -38,6 +38,19 @@ def test_bones_and_covariates_are_columns_that_may_be_there(tmp_path):
     (case,) = read_cases(write_table(tmp_path, FULL + ROW))
     assert case.postop_bones == str(tmp_path / "bones") and case.covariates_file == ""
     assert case.covariates == {"sex": "female", "age": 31.5, "bmi": 22, "closure": "vy", "cinch": False}
+
+
+def test_a_patient_that_is_left_out_needs_no_files_and_is_named_with_the_reason(tmp_path):
+    columns, rows = (
+        HEADER.replace("\n", "\tleft_out\n"),
+        "P1\ta.nii.gz\tplan.json\tpost.ply\t\nP2\t\t\t\tCT unreadable\n",
+    )
+    table = write_table(tmp_path, columns + rows)
+    cohort = read_cohort(CONFIG | {"cohort": str(table)}, "results")
+    assert list(cohort.cases) == ["P1"] and cohort.name == "cases, without P2 (CT unreadable)"
+    table.write_text(columns + "P2\t\t\t\tCT unreadable\n")
+    with pytest.raises(InputError, match="no case"):
+        read_cases(table)
 
 
 @pytest.mark.parametrize(
@@ -123,8 +136,12 @@ def test_seed_depends_on_base_stage_and_key():
         (("network", "heads"), 7, "multiple"),
         (("variants", "pinnochio_unified", "network", "lift"), "elastic", "'pinnochio_unified' cannot be built"),
         (("virtual", "patients"), 3, "fewer virtual patients"),
-        (("virtual", "without"), ["V40", "V41"], r"virtual.without names \['V41'\], and the patients are V01 to V40"),
-        (("virtual", "without"), [f"V{number:02d}" for number in range(5, 41)], "fewer virtual patients"),
+        (
+            ("virtual", "without"),
+            {"V40": "ill", "V41": "ill"},
+            r"virtual.without names \['V41'\], and the patients are V01 to V40",
+        ),
+        (("virtual", "without"), {f"V{number:02d}": "ill" for number in range(5, 41)}, "fewer virtual patients"),
     ],
 )
 def test_contradictions_in_the_configuration_are_refused(keys, value, problem):

@@ -30,11 +30,12 @@ def job(**wildcards) -> SimpleNamespace:
 
 
 def test_a_virtual_patient_that_is_not_made_leaves_the_others_as_they_are():
-    without = CONFIG | {"virtual": CONFIG["virtual"] | {"without": ["V02", "V39"]}}
+    without = CONFIG | {"virtual": CONFIG["virtual"] | {"without": {"V02": "unsolved", "V39": "withdrew"}}}
     whole, fewer = (Study.of(config) for config in (CONFIG, without))
     assert list(fewer.cohort.cases) == [name for name in whole.cohort.cases if name not in ("V02", "V39")]
     assert len(fewer.cohort.cases) == 38 and CohortInputs(fewer).drawn == CohortInputs(whole).drawn
     assert all(fewer.cohort.cases[name] == whole.cohort.cases[name] for name in fewer.cohort.cases)
+    assert fewer.cohort.name == f"{whole.cohort.name}, without V02 (unsolved), V39 (withdrew)"
 
 
 def test_learned_methods_need_a_scanned_patient_per_fold():

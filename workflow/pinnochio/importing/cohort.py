@@ -15,6 +15,7 @@ COLUMNS = ("case", "segmentation", "plan", "postop")
 FILES = ("segmentation", "plan", "postop", "postop_bones", "volume", "markups")
 OPTIONAL_FILES = ("postop", "postop_bones", "volume", "markups")
 FRAME = "postop_frame"
+LEFT_OUT = "left_out"  # why a patient takes no part, in words that the tables repeat
 BONES = "bones"  # `postop_frame` of a skin of the same scan as the post-operative bones
 # What may be a folder: of surfaces, of images, of transforms, of markups, of a series of DICOM.
 FOLDERS = ("segmentation", "plan", "postop_bones", "markups", "volume")
@@ -54,7 +55,8 @@ class Case:
     there are no post-operative bones; postop_frame: BONES where both are of one scan, else empty. volume: the scan,
     where soft tissue is taken from it; markups: file or folder.
 
-    covariates: those of :data:`COVARIATES` that are known; covariates_file: JSON that holds them instead.
+    covariates: those of :data:`COVARIATES` that are known; covariates_file: JSON that holds them instead. left_out: why
+    the patient takes no part; nothing else is known of such a one.
     """
 
     name: str
@@ -67,13 +69,14 @@ class Case:
     volume: str = ""
     markups: str = ""
     postop_frame: str = ""
+    left_out: str = ""
 
 
 def read_cases(table: str | os.PathLike) -> list[Case]:
     """Read a cohort table (tab-separated; paths relative to the table) and check files and values.
 
-    :data:`COLUMNS` must be there; `postop_bones`, `volume`, `markups`, `postop_frame` and :data:`COVARIATES` may; the
-    order is free.
+    :data:`COLUMNS` must be there; `postop_bones`, `volume`, `markups`, `postop_frame`, `left_out` and
+    :data:`COVARIATES` may; the order is free. Of a patient that is left out no file is looked at.
     """
     table = Path(table)
     refuse = refusal("-", table)
@@ -94,6 +97,9 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
         if same := [case.name for case in cases if case.name.lower() == name.lower()]:
             problem = "two rows carry this name" if name in same else f"{same[0]!r} is the same name but for its case"
             raise InputError(name, table, problem, "give each case its own name, once")
+        if reason := row.get(LEFT_OUT, ""):
+            cases.append(Case(name, "", left_out=reason))
+            continue
         paths = {key: str(table.parent / row[key]) if row.get(key) else "" for key in FILES}
         for key, path in paths.items():
             if not path and key not in OPTIONAL_FILES:
@@ -107,7 +113,7 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
             problem, remedy = f"{FRAME} is {BONES}, and postop or postop_bones is empty", "give both, of one scan"
             raise InputError(name, table, problem, remedy)
         cases.append(Case(name, **paths, covariates=covariates_of(row, name, table), postop_frame=frame))
-    if not cases:
+    if all(case.left_out for case in cases):
         refuse("the cohort table has no case", "add one row per case")
     return cases
 
@@ -128,7 +134,7 @@ def filled(reader: Iterable[Sequence[str]], refuse: Refuse) -> list[list[str]]:
 
 def _check_columns(columns: list[str], table: Path) -> None:
     refuse = refusal("-", table)
-    known = (*COLUMNS, *FILES[len(COLUMNS) - 1 :], FRAME, *COVARIATES)
+    known = (*COLUMNS, *FILES[len(COLUMNS) - 1 :], FRAME, LEFT_OUT, *COVARIATES)
     remedy = f"use tab-separated columns {', '.join(COLUMNS)}, and any of {', '.join(known[len(COLUMNS) :])}"
     for name in columns:
         if name not in known:

@@ -42,17 +42,24 @@ def read_cohort(config: Mapping, results: str) -> Cohort:
     """The cohort of a configuration; the files of virtual patients lie in `results`/virtual/{case}/. InputError for
     a table that is none."""
     if config["cohort"] != "virtual":
-        table = config["cohort"]
-        return Cohort(Path(table).stem, {case.name: case for case in read_cases(table)})
+        table, cases = config["cohort"], read_cases(config["cohort"])
+        left_out = {case.name: case.left_out for case in cases if case.left_out}
+        taken = {case.name: case for case in cases if not case.left_out}
+        return Cohort(called(Path(table).stem, left_out), taken)
     virtual = config["virtual"]
     cases = virtual_cases(virtual["patients"], f"{results}/virtual", virtual["without"])
     return Cohort(
         # A name says of a virtual cohort whether settings are chosen on it.
-        name=f"virtual cohort ({virtual['role']})",
+        name=called(f"virtual cohort ({virtual['role']})", virtual["without"]),
         cases={case.name: case for case in cases},
         virtual=True,
         locked=virtual["role"] == LOCKED,
     )
+
+
+def called(cohort: str, left_out: Mapping[str, str]) -> str:
+    """What tables call a cohort: who is left out of it, and why, belongs to its name."""
+    return f"{cohort}, without {', '.join(f'{name} ({why})' for name, why in left_out.items())}" if left_out else cohort
 
 
 def virtual_names(patients: int) -> list[str]:

@@ -98,6 +98,7 @@ def read_patients(path: str | os.PathLike) -> dict[str, Patient]:
                 covariates=case.covariates,
             )
             for case in read_cases(path)
+            if not case.left_out
         ]
     else:
         raise InputError("-", path, "there is no such folder or table", "name the patient's folder: patient=FOLDER")
