@@ -128,7 +128,9 @@ def test_what_is_not_varied_is_judged_as_it_is_and_no_bound_but_the_noise_of_the
     made = traded(further=["pinnochio_narrow"])
     assert made.networks == ["pinnochio", "pinnochio_plus", "pinnochio_narrow"] and len(made.cases) == 6
     assert made.fixed[-1] == "floor_scan" and "oracle" not in made.fixed
-    assert not {*VARIED, *made.networks} & {*made.fixed} and {"no_change", "acmt", "fem_rlse"} <= {*made.fixed}
+    assert not {*VARIED, *made.networks} & {*made.fixed} and {"no_change", "acmt_pretrained", "fem_rlse"} <= {
+        *made.fixed
+    }
     assert {setting.method for setting in made.fem_settings} == {*VARIED, "fem_lips"}
     assert made.lifts == [("elastic", nodes) for nodes in (1500, 3000, 5000, 10000, 20000)]
     assert len(made.rows(None)["rows"]) == 18

@@ -7,13 +7,13 @@ import pytest
 from pinnochio.columns import read_table
 from pinnochio.tables import claims
 from pinnochio.tables.accuracy import table
-from pinnochio.tables.claims import ABSENT, CLAIMS, OPEN, OPPOSITE, REPRODUCED
+from pinnochio.tables.claims import ABSENT, CLAIMS, EQUAL, OPPOSITE, REPRODUCED, UNKNOWN
 from pinnochio.tables.comparison import COMPARISON, summarise
 from pinnochio.tables.published import OURS, TABLE_1, published_block
 from tests.helpers.rows import row
 from tests.helpers.tables import write
 
-PAPER = {"acmt": 2.19, "dgcfp": 1.71, "fem_rlse": 1.30, "pinnochio": 1.12}
+PAPER = {"acmt_pretrained": 2.19, "dgcfp_pretrained": 1.71, "fem_rlse": 1.30, "pinnochio": 1.12}
 
 
 def cases(patients=8, **cd):
@@ -62,8 +62,8 @@ def test_each_claim_has_the_papers_values_ours_and_a_verdict(tmp_path):
         pinnochio_unified={"cd": -0.2, "raw_eqres_paper": squares(110.5)},
         pinnochio_no_physics={"raw_eqres_paper": squares(400.25)},
         fem_rlse={"cd": 0.3},
-        dgcfp={"cd": 0.5},
-        acmt={},
+        dgcfp_pretrained={"cd": 0.5},
+        acmt_pretrained={},
     )
     assert len(table) == 3 * 4 + 2 * 4 and (table["better"] == "pinnochio").all()
     rlse = table.loc["fem_rlse", "cd"]
@@ -71,10 +71,11 @@ def test_each_claim_has_the_papers_values_ours_and_a_verdict(tmp_path):
     assert rlse["difference"] == pytest.approx(-0.3 * 1.045, rel=1e-3) and rlse["pairs"] == 10
     assert rlse["low"] < rlse["difference"] < rlse["high"] < 0
     assert rlse["p"] == pytest.approx(2 / 2**10, rel=1e-4) and rlse["verdict"] == REPRODUCED
-    assert rlse["p_holm"] == pytest.approx(3 * rlse["p"], rel=1e-4)  # by CD; the pairs of acmt are all the same
+    assert rlse["p_holm"] == pytest.approx(12 * rlse["p"], rel=1e-4)  # twelve claims have a p
     assert table.loc["pinnochio_unified", "cd"]["verdict"] == OPPOSITE
-    equal = table.loc["acmt", "cd"]
-    assert equal["verdict"] == OPEN and np.isnan(equal["p"]) and "zero" in equal["test"]
+    equal = table.loc["acmt_pretrained", "cd"]
+    assert equal["verdict"] == EQUAL and table.loc["acmt_pretrained", "hd95"]["verdict"] == UNKNOWN
+    assert np.isnan(equal["p"]) and "zero" in equal["test"]
     residual = table.loc["pinnochio_no_physics", "raw_eqres_paper"]
     assert (residual["theirs_better"], residual["theirs_worse"]) == (0.20, 1.73)
     assert residual["ours_worse"] == pytest.approx(404.75, abs=0.1) and residual["unit"] == "mN2"
@@ -84,12 +85,14 @@ def test_each_claim_has_the_papers_values_ours_and_a_verdict(tmp_path):
 
 
 def test_more_within_a_millimetre_is_better(tmp_path):
-    table = made(tmp_path, pinnochio={"pwr1": lambda i: 70 + i}, acmt={"pwr1": lambda i: 60 + 0.9 * i})
-    assert table.loc["acmt", "pwr1"]["difference"] > 0
-    assert table.loc["acmt", "pwr1"]["verdict"] == REPRODUCED
+    table = made(tmp_path, pinnochio={"pwr1": lambda i: 70 + i}, acmt_pretrained={"pwr1": lambda i: 60 + 0.9 * i})
+    assert table.loc["acmt_pretrained", "pwr1"]["difference"] > 0
+    assert table.loc["acmt_pretrained", "pwr1"]["verdict"] == REPRODUCED
 
 
 def test_a_claim_about_a_method_that_the_study_lacks_says_so(tmp_path):
-    table = made(tmp_path, pinnochio={}, acmt={"cd": 0.1})
-    absent = table.loc["dgcfp", "cd"]
-    assert absent["verdict"] == ABSENT and absent["test"] == "dgcfp not in the study" and np.isnan(absent["p"])
+    table = made(tmp_path, pinnochio={}, acmt_pretrained={"cd": 0.1})
+    absent = table.loc["dgcfp_pretrained", "cd"]
+    assert (
+        absent["verdict"] == ABSENT and absent["test"] == "dgcfp_pretrained not in the study" and np.isnan(absent["p"])
+    )

@@ -28,7 +28,7 @@ _CAPTION = (
     "rows of the two tables are not to be compared one by one."
 )
 # Names here of the methods of Table 1.
-OURS = {"ACMT-Net": "acmt", "DGCFP": "dgcfp", "FEM-RLSE": "fem_rlse", "PINNOCHIO": "pinnochio"}
+OURS = {"ACMT-Net": "acmt_pretrained", "DGCFP": "dgcfp_pretrained", "FEM-RLSE": "fem_rlse", "PINNOCHIO": "pinnochio"}
 # The same of Table 2.
 VARIANTS = {
     "without decomposition": "pinnochio_unified",

@@ -16,7 +16,7 @@ from studies.tradeoff.table import as_studied
 COLUMNS = TRADEOFF
 STILL, NAMED = "no_change", 6
 LINES = {FLOOR: ":", BASELINE: "-", STILL: "--"}
-WANTED = ("fem_sliding", "pinnochio_plus", "pinnochio", "elastic", "fem_rlse", "acmt")  # named first
+WANTED = ("fem_sliding", "pinnochio_plus", "pinnochio", "elastic", "fem_rlse", "acmt_pretrained")  # named first
 FASTEST = 1e-3  # s; what takes less is drawn here
 MARKS = (1e-3, 1e-2, 0.1, 1, 10, 100)  # s
 
