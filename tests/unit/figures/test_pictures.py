@@ -62,6 +62,11 @@ def test_curves_are_those_of_the_history(drawn, tmp_path):
     assert right.get_lines()[1].get_label() == "data: skin distance, mm"
 
 
+def test_a_phase_without_a_step_is_not_drawn(drawn, tmp_path):
+    training_picture({"pretraining": history(), "adaptation": history().iloc[:0]}, "x", tmp_path / "a.png")
+    assert [axes.get_title() for axes in drawn[0].axes] == ["pretraining"]
+
+
 def test_terms_and_looks_that_there_are_not_are_left_out(drawn, tmp_path):
     for name in ("pretraining", "finetuning"):
         history(physics=False, every=0).to_csv(tmp_path / f"{name}.csv", index=False)

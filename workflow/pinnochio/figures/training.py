@@ -23,7 +23,9 @@ COLUMNS = ("step", *TERMS, "validation", "kept")  # of a history, as far as it i
 
 
 def training_picture(phases: Mapping[str, pd.DataFrame], title: str, path: str | os.PathLike) -> None:
-    """Draw the loss histories of phases by their name, pretraining and adaptation, as the training writes them."""
+    """Draw the loss histories of phases by their name, pretraining and adaptation, as the training writes them; a phase
+    without a step, as of a network that adapts by loads alone, is not drawn."""
+    phases = {phase: history for phase, history in phases.items() if len(history)}
     figure = Figure(figsize=(6.4 * len(phases), 5.2), dpi=110, layout="constrained")
     for number, (phase, history) in enumerate(phases.items()):
         axes = figure.add_subplot(1, len(phases), number + 1)
