@@ -29,7 +29,7 @@ DECIMAL = re.compile(r"(?<![\w.])\d+\.\d+(?:e-?\d+)?")
 def checks(page: Path) -> list[str]:
     """What a page says of its numbers, in a comment at its end.
 
-    A line is `1.25 locked/accuracy method=pinnochio_plus cd_mean`: number, table, rows, column, and if they are several
+    A line is `1.25 accuracy method=pinnochio_plus cd_mean`: number, table, rows, column, and if they are several
     rows what is made of them (`mean`, `median`, `min`, `max`, `positive`, or `below=METHOD`: on how many patients the
     value lies below that method's). `%` behind a number: the table has a share. `set`: a setting, in no table.
     """
@@ -74,11 +74,10 @@ def test_numbers_are_those_of_the_tables(page):
     assert not set(DECIMAL.findall(text)) - listed
 
 
-@pytest.mark.parametrize("name, page", [("better", "development"), ("locked/better", "locked")])
-def test_results_hold_the_reference_table(name, page):
+def test_results_hold_the_reference_table():
     """Every method in the order of the table: CD, share within 2 mm, seconds, explained share, Holm's p."""
-    text = (ROOT / f"docs/results/{page}.md").read_text(encoding="utf-8")
-    rows = pd.read_csv(REFERENCE / f"{name}.csv").query("not bound")
+    text = (ROOT / "docs/results/development.md").read_text(encoding="utf-8")
+    rows = pd.read_csv(REFERENCE / "better.csv").query("not bound")
     lines = [
         f"| `{row.method}` | {row.cd_mean:.3f} ± {row.cd_sd:.3f} | {row.pwr2_mean:.1f} | {row.seconds_mean:.3f} "
         f"| {100 * row.explained:.1f} | {'' if pd.isna(row.p_holm) else f'{row.p_holm:.2g}'} |"
@@ -89,15 +88,15 @@ def test_results_hold_the_reference_table(name, page):
 
 @pytest.mark.parametrize("page", SHORT, ids=["README", "results"])
 def test_short_tables_hold_five_rows_of_the_reference(page):
-    """Those of the locked cohort, rounded, with the day that they are of; seconds are those of the table or rounded."""
+    """Those of the development cohort, rounded, with their day; seconds are those of the table or rounded."""
     text = page.read_text(encoding="utf-8")
-    accuracy = pd.read_csv(REFERENCE / "locked/accuracy.csv").set_index("method")
+    accuracy = pd.read_csv(REFERENCE / "accuracy.csv").set_index("method")
     shown = {row[0]: row for row in (line.strip("| ").split(" | ") for line in text.splitlines()) if len(row) == 4}
     for name, method in SHORT_ROWS.items():
         measured, row = accuracy.loc[method], [cell.strip("*") for cell in shown[name]]
         assert row[1:3] == [f"{measured['cd_mean']:.2f} ± {measured['cd_sd']:.2f}", f"{measured['pwr2_mean']:.1f}"]
         assert float(row[3]) == pytest.approx(measured["seconds_mean"], rel=0.1, abs=0.001)
-    assert json.loads((REFERENCE / "locked/provenance.json").read_text())["written"][:10] in text
+    assert json.loads((REFERENCE / "provenance.json").read_text())["written"][:10] in text
 
 
 def test_readme_is_short():
