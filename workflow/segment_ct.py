@@ -15,11 +15,12 @@ import numpy as np
 import SimpleITK as sitk
 
 from pinnochio.errors import InputError, refusal
+from pinnochio.files import replacing
 from pinnochio.geometry.plane import Plane
-from pinnochio.importing.images import face, read_volume
+from pinnochio.importing.head_parts import read_scan
 from pinnochio.importing.markups import read_markups
 from pinnochio.importing.presets import MANDIBLE, SKULL
-from pinnochio.importing.segmentation import HEADER, axes_of
+from pinnochio.importing.segmentation import HEADER, write_segmentation
 from pinnochio.importing.soft_tissue import bulk, closed, larger
 
 PLANES = ("occlusal", "pterygoid", "joint")
@@ -32,18 +33,18 @@ def segment_ct(ct: str, planes: str, bone: float, folder: str, orientation: str 
 
     bone: lowest grey value of bone; orientation: where the voxel axes point, if the header is wrong. Raises InputError.
     """
-    refuse = refusal("-", ct)
-    image = read_volume(ct, refuse, sitk.sitkFloat32)
-    face(image, None if orientation == HEADER else axes_of(orientation), refuse)
-    image = _cubes(sitk.DICOMOrient(image, "LPS"), spacing)
+    refuse, scan = refusal("-", ct), Path(folder, "ct.nii.gz")
+    if scan.exists() and scan.samefile(ct):
+        refuse("the scan that is made would take its place", "name another folder")
+    image = _cubes(sitk.DICOMOrient(read_scan(ct, orientation, "-", refuse), "LPS"), spacing, refuse)
     known = read_markups([planes], "-").planes
     if missing := [name for name in PLANES if name not in known]:
         refusal("-", planes)(f"it has no plane {missing[0]!r}", f"draw planes called {', '.join(PLANES)}")
-    parts = sitk.GetImageFromArray(part_bones(image, known, bone, refuse).transpose(2, 1, 0))
-    parts.CopyInformation(image)
+    parts = part_bones(image, known, bone, refuse)
     os.makedirs(folder, exist_ok=True)
-    sitk.WriteImage(image, str(Path(folder, "ct.nii.gz")))
-    sitk.WriteImage(parts, str(Path(folder, "segmentation.nii.gz")))
+    with replacing(scan) as temporary:
+        sitk.WriteImage(image, str(temporary))
+    write_segmentation(parts, image.GetSpacing(), image.GetOrigin(), Path(folder, "segmentation.nii.gz"))
 
 
 def part_bones(image: sitk.Image, planes: Mapping[str, Plane], bone: float, refuse) -> np.ndarray:
@@ -75,9 +76,9 @@ def part_bones(image: sitk.Image, planes: Mapping[str, Plane], bone: float, refu
     return np.where(lower, MANDIBLE, np.where(upper, SKULL, 0)).astype(np.uint8)
 
 
-def _cubes(image: sitk.Image, spacing: float) -> sitk.Image:
+def _cubes(image: sitk.Image, spacing: float, refuse) -> sitk.Image:
     if not np.allclose(image.GetDirection(), np.eye(3).ravel(), atol=1e-4):
-        raise InputError("-", "scan", "its axes are oblique", "resample it to axes along the body, or name the axes")
+        refuse("its axes are oblique", "resample it to axes along the body, or name the axes")
     extent = (np.array(image.GetSize()) - 1) * image.GetSpacing()
     return sitk.Resample(
         image,

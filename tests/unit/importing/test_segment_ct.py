@@ -50,7 +50,10 @@ def test_jaws_are_parted_at_teeth_and_joints(head, tmp_path):
     made = sitk.GetArrayFromImage(image).transpose(2, 1, 0)
     assert (made[3:17, 2:22, 12:20] == SKULL).all() and (made[3:17, 2:22, 3:9] == MANDIBLE).all()
     assert (made[4:16, 25:27, 4:15] == MANDIBLE).all() and (made[3:17, 22:28, 18:20] == SKULL).all()
-    assert sitk.ReadImage(str(tmp_path / "P01/ct.nii.gz")).GetSize() == image.GetSize()
+    scan = tmp_path / "P01/ct.nii.gz"
+    assert sitk.ReadImage(str(scan)).GetSize() == image.GetSize()
+    with pytest.raises(InputError, match="would take its place"):
+        segment_ct(str(scan), planes(tmp_path), 1500, str(scan.parent))
 
 
 def test_planes_that_do_not_fit_are_refused(head, tmp_path):

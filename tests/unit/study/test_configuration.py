@@ -41,14 +41,11 @@ def test_bones_and_covariates_are_columns_that_may_be_there(tmp_path):
 
 
 def test_a_patient_that_is_left_out_needs_no_files_and_is_named_with_the_reason(tmp_path):
-    columns, rows = (
-        HEADER.replace("\n", "\tleft_out\n"),
-        "P1\ta.nii.gz\tplan.json\tpost.ply\t\nP2\t\t\t\tCT unreadable\n",
-    )
-    table = write_table(tmp_path, columns + rows)
+    columns, left_out = HEADER.replace("\n", "\tleft_out\n"), "P2\t\t\t\tCT unreadable\n"
+    table = write_table(tmp_path, columns + "P1\ta.nii.gz\tplan.json\tpost.ply\t\n" + left_out)
     cohort = read_cohort(CONFIG | {"cohort": str(table)}, "results")
     assert list(cohort.cases) == ["P1"] and cohort.name == "cases, without P2 (CT unreadable)"
-    table.write_text(columns + "P2\t\t\t\tCT unreadable\n")
+    table.write_text(columns + left_out)
     with pytest.raises(InputError, match="no case"):
         read_cases(table)
 

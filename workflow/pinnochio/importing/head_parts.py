@@ -106,7 +106,7 @@ def read_head_parts(
     """
     refuse = refusal(case, path)
     values, grid, axes, sided, cropped = _read_parts(path, preset, orientation, regions, refuse)
-    scan = _read_scan(volume, orientation, case, refuse) if volume else None
+    scan = read_scan(volume, orientation, case, refuse) if volume else None
     if scan and cropped:  # to the bones: the skin lies beyond
         grid, values, _ = _grown(grid, values, np.zeros_like(values), scan, regions, refuse)
     pieces, values, spacing = values * (values > NOTHING), BONE_OF[values], grid.GetSpacing()[0]
@@ -336,8 +336,9 @@ def _resampled(image: sitk.Image, grid: sitk.Image, outside: float = 0.0) -> np.
     return sitk.GetArrayFromImage(made).transpose(2, 1, 0)
 
 
-def _read_scan(volume, orientation: str, case: str, refuse) -> sitk.Image:
-    """The scan, with air where it shows nothing."""
+def read_scan(volume, orientation: str, case: str, refuse) -> sitk.Image:
+    """The scan that a file or a folder of DICOM holds, float32, with air where it shows nothing; orientation as of
+    :func:`read_head_parts`. Refused where it cannot be read or holds what is no number."""
     refuse_scan = partial(refuse, file=volume)
     image = read_volume(volume, refuse_scan, sitk.sitkFloat32)
     face(image, None if orientation == HEADER else axes_of(orientation), refuse_scan)
