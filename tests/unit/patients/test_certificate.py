@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pinnochio.methods.elastic import linear_field
-from pinnochio.model.patient import FREE
+from pinnochio.model.patient import FREE, LOWER_LIP, UPPER_LIP
 from pinnochio.model.regions import CHIN, NAMES, NOSE
 from pinnochio.patients.certificate import (
     CARE,
@@ -69,6 +69,14 @@ def test_bones_unlike_peoples_ask_for_care_and_guessed_cuts_are_named():
     imported["care"] = ["mandible: 20 cm3, usual are 30 to 130"]
     assert not judgements(said)["Bones unlike people's"] and verdict(said).grade in (CARE, grade) != (USABLE, USABLE)
     assert "mandible: 20 cm3" in " ".join(verdict(said).reasons)
+
+
+def test_lips_that_cross_are_measured():
+    layer = np.rint((PATIENT.points[:, 2] - 40) / 5)
+    lip = np.select([layer == 1, layer == 2], [LOWER_LIP, UPPER_LIP]).astype(np.int8)
+    field = np.where((layer <= 1)[:, None], [0, 0, 8.0], 0.0)  # 3 mm through the upper lip
+    said = [measures(replace(PATIENT, lip=lip), Plan("tiny", {}), way, FEM)["lips_cross_mm"] for way in (field, -field)]
+    assert 2 < said[0] < 4.5 and said[1] == 0
 
 
 def test_a_field_that_ignores_the_plan_is_off_by_the_plan():
@@ -167,6 +175,7 @@ USUAL = {"min_jacobian": [0.3, 0.5, 0.9], "eqres_rel": [0.015, 0.05, 0.14], "sli
         ({"turn_degrees": 15.1}, "Motion of the bones", CARE),
         ({"edge_percent": 16.0}, "Edge of the scan", CARE),
         ({"off_mesh_p95_mm": 1.1}, "Detail of the skin", CARE),
+        ({"lips_cross_mm": 1.8}, "Lips that cross", CARE),
         ({"inverted": 1}, "Elements turned inside out", NOT_USABLE),
         ({"min_jacobian": None}, "Smallest volume ratio (min J)", NOT_USABLE),
     ],

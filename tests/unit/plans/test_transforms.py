@@ -189,6 +189,15 @@ def _millions(folder):
         entry.create_dataset("TransformParameters", (10**10,), "f8", chunks=(1000,))
 
 
+def _endless(folder):
+    """A transform whose heap of texts has an entry of no length, at which HDF5 never gets on."""
+    save(affine(), folder, "h5")
+    content = bytearray((folder / "mandible.h5").read_bytes())
+    heap = content.find(b"GCOL") + 16
+    content[heap : heap + 16] = bytes(16)
+    (folder / "mandible.h5").write_bytes(content)
+
+
 BAD = {
     "scaling": (lambda d: save(sitk.ScaleTransform(3, (1.0, 1.0, 1.01)), d), "scales, shears or mirrors", "rigid"),
     "shear": (write(slicer_file([1, 0.1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0])), "scales, shears or mirrors", "rigid"),
@@ -205,6 +214,7 @@ BAD = {
     "metres, hardly turned": (write(slicer_file(NEARLY_STRAIGHT)), "by 5000 mm", "millimetres"),
     "rubbish": (write("rubbish"), "cannot be read as a transform", "again"),
     "an h5 of millions": (_millions, "cannot be read as a transform.*10000000000 numbers", "again"),
+    "an h5 without an end": (_endless, "reading it does not end", "again"),
     "rubbish h5": (lambda d: (d / "mandible.h5").write_bytes(b"rubbish"), "cannot be read as a transform", "again"),
     "two files": (two_files, "'mandible' has two transforms", "one file"),
     "empty": (lambda d: None, "holds no transform", "one per segment"),

@@ -11,7 +11,7 @@ from pinnochio.model.bone_landmarks import bone_landmarks
 from pinnochio.model.carried import CarriedLandmarks
 from pinnochio.model.measures import LANDMARKS
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.touching_lips import touching_lips
+from pinnochio.model.touching_lips import CROSSED, touching_lips
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import known_role
 
@@ -20,7 +20,6 @@ SKIN_MARKS = {"sellion": "N′", "pronasale": "Prn", "subnasale": "Sn", "subspin
               "labrale_inferius": "Li", "sublabiale": "B′", "pogonion": "Pog′", "menton": "Me′"}  # fmt: skip
 SLAB = np.linspace(-5.0, 5.0, 5)  # mm from the midline: sections whose union is what a film shows of teeth and chin [I]
 PIXEL, SMOOTH, RIM = 0.5, 1.2, 4.0  # of the raster that outlines are traced on: mm, blur in pixels, mm round a bone
-CROSSED = 0.3  # mm that lips cross from which it is said [I]
 CHORDS = (("N", "A", "Pog"), ("N", "B"), ("Me", "Go"))
 ABOVE, BELOW, BESIDE, HEADER = 45.0, 14.0, 18.0, 12.0  # mm round what the tracing shows
 AT_LEFT = {"U1": (-2, 0), "L1": (-2, 3.5), "ANS": (-2, -0.5), "A": (-2, 3), "Me": (0, 6), "Go": (-2, 3)}  # mm of labels

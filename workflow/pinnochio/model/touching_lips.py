@@ -7,6 +7,7 @@ from pinnochio.model.patient import LOWER_LIP, NOT_LIP, UPPER_LIP, PatientModel
 
 NEAR, FADE = 5.0, 10.0  # mm within which lips meet, and about them that follow [I]
 ROUNDS = 4
+CROSSED = 0.3  # mm that lips cross from which it is said [I]
 
 
 def touching_lips(patient: PatientModel, displacement: np.ndarray) -> tuple[np.ndarray, float]:

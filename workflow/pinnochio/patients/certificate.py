@@ -20,6 +20,7 @@ from pinnochio.metrics.validity import (
 from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import NAMES
+from pinnochio.model.touching_lips import CROSSED, touching_lips
 from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import GUESS
@@ -80,6 +81,7 @@ def measures(
         "off_bone_mm": off_bone(patient, plan, displacement).max(initial=0.0),
         **beside_edge(patient, moved),
         **off_mesh(patient),
+        "lips_cross_mm": touching_lips(patient, displacement)[1],
         "skin_mean_mm": moved.mean(),
         "skin_max_mm": moved.max(),
     }
@@ -306,6 +308,12 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Finding]:
             f"Within {EDGE:g} mm of where the scan ends. What lies beyond is not in the model, so that the prediction "
             "is worth less there.",
             of["edge_percent"] <= EDGES,
+        ),
+        Finding(
+            "Lips that cross",
+            f"{measured.number('lips_cross_mm', '.1f')} mm at most",
+            f"Beyond what they did before. From {CROSSED:g} mm on the field is wrong there; they are shown in contact.",
+            known["lips_cross_mm"] < CROSSED,
         ),
         _detail_row(of),
     ]

@@ -9,8 +9,12 @@ there moves the bone 5 mm forward and stands in the file as (0, 5, 0) in LPS, wh
 import logging
 import os
 import re
+import resource
 import tempfile
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
 from pathlib import Path
 
 import h5py
@@ -30,6 +34,7 @@ AGAIN = "save the linear transform again, with finite numbers"
 FIXED = "TransformFixedParameters"
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 MOST = 1000  # numbers of a linear transform are 16 at most
+SECONDS = 2  # of a processor; HDF5 reads some damaged files for ever, undamaged ones take milliseconds
 LARGEST = 1e300  # a number beyond it is taken for infinite
 # Parameters and fixed parameters of ITK's linear transforms of space, by the name without its types.
 PARAMETERS = {
@@ -183,6 +188,20 @@ def _few(numbers: h5py.Dataset) -> np.ndarray:
     return np.ravel(numbers[()])
 
 
+def _of_hdf5(file: Path) -> list[tuple[str, Sequence[float], Sequence[float]]]:
+    """The same of a file of HDF5; ITK, which reads it by itself, tries it too."""
+    with h5py.File(file) as content:
+        stored = [
+            (
+                _few(entry["TransformType"])[0].decode(),
+                *(_few(entry[key]) if key in entry else () for key in ("TransformParameters", FIXED)),
+            )
+            for entry in content["TransformGroup"].values()
+        ]
+    sitk.ReadTransform(str(file))
+    return stored
+
+
 def _parameters(file: Path) -> list[tuple[str, Sequence[float], Sequence[float]]]:
     """Name, parameters and fixed parameters of each transform in the file.
 
@@ -190,14 +209,12 @@ def _parameters(file: Path) -> list[tuple[str, Sequence[float], Sequence[float]]
     """
     suffix = file.suffix.lower()
     if suffix == ".h5":
-        with h5py.File(file) as content:
-            return [
-                (
-                    _few(entry["TransformType"])[0].decode(),
-                    *(_few(entry[key]) if key in entry else () for key in ("TransformParameters", FIXED)),
-                )
-                for entry in content["TransformGroup"].values()
-            ]
+        limit = (resource.RLIMIT_CPU, (SECONDS, SECONDS))
+        with ProcessPoolExecutor(1, get_context("fork"), resource.setrlimit, limit) as aside:
+            try:
+                return aside.submit(_of_hdf5, file).result()
+            except BrokenProcessPool:
+                raise ValueError("it is damaged, and reading it does not end") from None
     if suffix == ".mat":
         matrices, names = loadmat(file), [name for name, *_ in whosmat(file) if name != "fixed"]
         return [(name, np.ravel(matrices[name]), np.ravel(matrices.get("fixed", ()))) for name in names]

@@ -20,7 +20,7 @@ from pinnochio.methods.sources import PatientSources
 from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
-from pinnochio.model.touching_lips import shown_skin
+from pinnochio.model.touching_lips import touching_lips
 from pinnochio.patients.certificate import PARTS, in_distribution, of_import
 from pinnochio.patients.in_distribution import Ranges, beyond, widening
 from pinnochio.patients.model_archive import RANGES, Archive, calibration_file, network_file
@@ -37,8 +37,9 @@ class Forecast:
     most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look; repaired,
     damping: most elements that the inversion repair solved again, and its smallest factor on a whole field, 1 for none;
     off_bone: how far tissue that slides has come from its bone or gone into it, at most, mm, 0 of a first look;
-    beyond: how far patient or plan lies beyond the training, in widths of its range;
-    out_of_distribution: what of patient and plan is (segments, muscle, anatomy, plan); seconds: since the beginning.
+    crossed: how far the lips would cross, mm; beyond: how far patient or plan lies beyond the training, in widths of
+    its range; out_of_distribution: what of patient and plan is (segments, muscle, anatomy, plan); seconds: since the
+    beginning.
     """
 
     plan: Plan
@@ -50,6 +51,7 @@ class Forecast:
     repaired: int
     damping: float
     off_bone: float
+    crossed: float
     beyond: float
     out_of_distribution: tuple[str, ...]
     seconds: float
@@ -117,7 +119,8 @@ class Forecaster:
     ) -> Forecast:
         compared = in_distribution(self.patient, plan, self._quality, self._ranges)
         result = widened(result, widening(compared))
-        skin = shown_skin(self.patient, result.displacement)
+        touching, crossed = touching_lips(self.patient, result.displacement)
+        skin = self.patient.moved_skin(touching)
         moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]
         return Forecast(
             plan=plan,
@@ -131,6 +134,7 @@ class Forecaster:
             off_bone=0.0
             if least is None
             else float(off_bone(self.patient, plan, result.displacement).max(initial=0.0)),
+            crossed=crossed,
             beyond=beyond(compared),
             out_of_distribution=tuple(part for part in PARTS if not compared[part]["within"]),
             seconds=time.perf_counter() - began,

@@ -6,6 +6,7 @@ import numpy as np
 
 from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.measures import MEASURES
+from pinnochio.model.touching_lips import CROSSED
 from pinnochio.patients.certificate import FAR, import_rows
 from pinnochio.patients.face_measures import FaceMeasures, in_numbers
 from pinnochio.plans.surgery import amount, segment_in_words
@@ -21,6 +22,7 @@ FAR_BEYOND = "Not usable: {:.1f} widths of the training's range beyond it."
 REPAIR = "{} elements were turned inside out and solved again."
 COLLIDE = "Bones run into each other: {} (up to {:.1f} mm deep; red points)."
 PRACTICE = "Beyond what is practised: {}."
+CROSS = "Lips would cross by {:.1f} mm; shown in contact."
 STILL = "Nothing is moved, so nothing changes."
 
 
@@ -87,6 +89,8 @@ def warning(forecast: Forecast) -> str:
         said.append(REPAIR.format(forecast.repaired))
     if not forecast.off_bone <= OFF_BONE:
         said.append(OFF.format(forecast.off_bone))
+    if forecast.crossed >= CROSSED:
+        said.append(CROSS.format(forecast.crossed))
     if forecast.beyond > FAR:
         said.append(FAR_BEYOND.format(forecast.beyond))
     if forecast.out_of_distribution:
