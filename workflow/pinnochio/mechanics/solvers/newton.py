@@ -189,7 +189,7 @@ class Newton:
                 held, nodes = self.sliding.at(state.fraction), self.sliding.nodes
                 curvature = held.curvature(state.u, state.frames, state.force[nodes])
                 self.assembler.add(data, np.repeat(nodes[:, None], 2, axis=1), curvature)
-            pairs, blocks = self.contact.tangent(state.u, definite)
+            pairs, blocks = self.contact.tangent(state.u)
             self.assembler.add(data, pairs, self.constraints.turned(blocks, pairs, state.frames))
             if len(self.outer.pairs):
                 tense = self.constraints.turned(self.outer.blocks, self.outer.pairs, state.frames)
