@@ -17,6 +17,13 @@ def edges_of(cells) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack(np.divmod(key, count)), of_cell.reshape(-1, 6)
 
 
+def compacted(cells) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (n,) of cells, ascending, and the cells with their numbers among these: `np.unique` without its sorting."""
+    there = np.zeros(cells.max(initial=-1) + 1, bool)
+    there[cells] = True
+    return np.flatnonzero(there), (np.cumsum(there) - 1)[cells]
+
+
 def edge_graph(points, edges) -> sparse.csr_array:
     """Length (n, n) in mm of every edge (e, 2) between points (n, 3), once."""
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
@@ -34,7 +41,7 @@ def pieces(elements, count: int) -> np.ndarray:
 def faces_of(cells) -> tuple[np.ndarray, np.ndarray]:
     """All faces (4m, 3), outward, and a key (4m,) that the two sides of a face share."""
     faces = np.asarray(cells)[:, FACES].reshape(-1, 3)
-    low, middle, high = np.sort(faces, axis=1).astype(np.int64).T
+    low, middle, high = np.sort(faces.astype(np.int64), axis=1).T
     count = int(faces.max()) + 1 if len(faces) else 1
     # Two face ids fit 64 bits up to two million nodes.
     return faces, (low * count + middle) * count + high

@@ -29,7 +29,7 @@ def acceptable_move(points, target, cells, minimum_dihedral: float) -> np.ndarra
     fraction = np.where(np.abs(step).max(axis=1) > 0, 1.0, 0.0)
     halved = np.zeros(len(points), int)
     moved = points + step
-    watch = np.unique(around[np.flatnonzero(fraction)].indices)
+    watch = np.flatnonzero(fraction[cells].any(axis=1))
     while len(watch):
         bad = watch[~acceptable(moved, cells[watch], minimum_dihedral)]
         nodes = np.unique(cells[bad])

@@ -63,11 +63,12 @@ def split_nodes(cells, first, second) -> tuple[np.ndarray, np.ndarray]:
     one = np.take_along_axis(one, np.argsort(flat[one], axis=1), axis=1).ravel()
     other = np.take_along_axis(other, np.argsort(flat[other], axis=1), axis=1).ravel()
     graph = sparse.coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
-    _, group = connected_components(graph, directed=False)
-    groups, start = np.unique(group, return_index=True)
+    groups, group = connected_components(graph, directed=False)
+    start = np.empty(groups, np.int64)
+    start[group[::-1]] = np.arange(count)[::-1]  # the first of each
     order = np.argsort(flat[start], kind="stable")
-    renumber = np.empty(len(groups), np.int64)
-    renumber[order] = np.arange(len(groups))
+    renumber = np.empty(groups, np.int64)
+    renumber[order] = np.arange(groups)
     return renumber[group].reshape(-1, 4), flat[start[order]]
 
 

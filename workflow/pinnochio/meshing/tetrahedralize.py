@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError, refusal
-from pinnochio.geometry.mesh_topology import EDGES, adjacency, faces_of
+from pinnochio.geometry.mesh_topology import EDGES, adjacency, compacted, faces_of
 from pinnochio.meshing.fields import Fields, is_tissue, without_specks
 from pinnochio.meshing.mesh import TetMesh, volumes
 from pinnochio.meshing.smoothing import acceptable_move, neighbour_mean
@@ -155,7 +155,7 @@ def _lattice_of(fields, placing, wanted: float, constant: float) -> _Lattice:
         divisions = min(sorted(choices), key=lambda n: abs(np.log(np.prod(n) / np.prod(ideal))))
         points, cells, free = _lattice(fields, divisions, placing)
         label = _classified(points, cells, fields)
-        count = max(len(np.unique(cells[label > 0])), 1)
+        count = max(len(compacted(cells[label > 0])[0]), 1)
         if best is None or abs(count - wanted) < abs(best.count - wanted):
             best = _Lattice(divisions, points, cells, free, label, count)
         if abs(count - wanted) <= 0.02 * wanted:
@@ -209,8 +209,7 @@ def _lattice(fields, divisions, placing: Placing) -> tuple[np.ndarray, np.ndarra
             square[turned] = np.roll(square[turned], 1, axis=1)
             centre = centre_id(base)[:, None]
             cells += [np.hstack([centre, square[:, [0, 1, 2]]]), np.hstack([centre, square[:, [0, 2, 3]]])]
-    used, cells = np.unique(np.concatenate(cells), return_inverse=True)
-    cells = cells.reshape(-1, 4)
+    used, cells = compacted(np.concatenate(cells))
     is_corner = used < corners
     index = np.empty((len(used), 3))
     index[is_corner] = np.stack(np.unravel_index(used[is_corner], divisions + 1), axis=1)
@@ -249,8 +248,9 @@ def _mesh(fields, lattice: _Lattice, minimum) -> TetMesh:
     # Fit the lattice, with the void cells that touch tissue, to the boundaries and to the middle of thin voids.
     for fraction in (0.5, 0.0):
         label = _without_pinches(points, cells, label, fields)
-        touched = np.isin(cells, np.unique(cells[label > 0])).any(axis=1)
-        points, cells, free, label = _compact(points, cells, free, label, touched)
+        tissue = np.zeros(len(points), bool)
+        tissue[cells[label > 0]] = True
+        points, cells, free, label = _compact(points, cells, free, label, tissue[cells].any(axis=1))
         target = _targets(points, cells, label, free, fields, size, fraction)
         middle, _, _ = _slit(points, free, np.arange(len(points)), fields, NEAR_SLIT * size)
         points = acceptable_move(points, np.where(np.isnan(middle), target, middle), cells, minimum)
@@ -303,8 +303,8 @@ def _without_pinches(points, cells, label, fields) -> np.ndarray:
 
 def _compact(points, cells, free, label, keep):
     """Only the kept cells and their nodes."""
-    used, cells = np.unique(cells[keep], return_inverse=True)
-    return points[used], cells.reshape(-1, 4), free[used], label[keep]
+    used, cells = compacted(cells[keep])
+    return points[used], cells, free[used], label[keep]
 
 
 def _targets(points, cells, label, free, fields, size, smoothing: float) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pinnochio.geometry.mesh_topology import compacted
 from pinnochio.mechanics.boundary.constraints import turned
 from pinnochio.mechanics.boundary.loads import OuterForces
 from pinnochio.mechanics.boundary.sliding import SlidingNodes
@@ -35,11 +36,11 @@ def touching(elements: Elements, nodes) -> np.ndarray:
 def subset(elements: Elements, chosen) -> tuple[Elements, np.ndarray]:
     """The elements of the patches `chosen` (p,) bool as a mesh of their own, and the nodes of it, ascending."""
     kept = np.flatnonzero(chosen[elements.patch])
-    nodes, cells = np.unique(elements.cells[kept], return_inverse=True)
+    nodes, cells = compacted(elements.cells[kept])
     law, number = elements.material, np.cumsum(chosen) - 1
     return replace(
         elements,
-        cells=cells.reshape(-1, 4).astype(np.int32),
+        cells=cells.astype(np.int32),
         gradients=elements.gradients[kept],
         volumes=elements.volumes[kept],
         patch=number[elements.patch[kept]].astype(np.int32),
