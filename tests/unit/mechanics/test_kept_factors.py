@@ -99,6 +99,22 @@ def test_plans_of_a_patient_as_by_newton_alone_and_together(arm):
     assert np.abs(together[2].displacement).max() < 1e-9
 
 
+def test_another_tissue_on_the_same_factors_as_by_newton():
+    """A stiffer patient, from the field of the first; the accuracy counts at every node."""
+    model, plan = tiny_patient(), tiny_plan()
+    settings = fem_settings(accuracy=0.01)
+    stiffer = replace(settings, youngs_modulus={"muscle": 9.0, "superficial": 3.0})
+    forces = Loads(np.tile([0, 0, -0.5], (len(model.points), 1)) * node_volumes(model.points, model.cells)[:, None])
+    with Simulator(model, settings, everywhere=True) as solver:
+        (first,) = solver.solve([plan])
+        (result,) = solver.of(stiffer, forces).solve([plan], starts=first.displacement[None])
+        (again,) = solver.solve([plan])
+    (exact,) = simulate(model, [plan], replace(stiffer, kept_factors=False, accuracy="exact"), loads=forces)
+    assert result.kept and np.linalg.norm(exact.displacement - first.displacement, axis=1).max() > 0.1
+    assert np.linalg.norm(result.displacement - exact.displacement, axis=1).max() < 0.01
+    np.testing.assert_array_equal(again.displacement, first.displacement)
+
+
 def test_a_small_head_as_by_newton():
     model, settings = tiny_patient(), fem_settings(tolerance=1e-8)
     newton, solver = replace(settings, kept_factors=False), Simulator(model, settings)

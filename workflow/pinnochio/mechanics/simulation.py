@@ -1,11 +1,13 @@
 """The one door to mechanics: from plans of a patient to the displacement of every node."""
 
+import copy
 import logging
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import sparse
 
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.loads import Loads
@@ -36,7 +38,8 @@ def simulate(
 class Simulator:
     """Plans of one patient, for whom what is the same under every plan is made once; a context releases it.
 
-    arm: one of `conditions.ARMS`; loads: forces beside those of the elements.
+    arm: one of `conditions.ARMS`; loads: forces beside those of the elements; everywhere: settings.accuracy counts at
+    every node, not on the judged face alone.
     The way to equilibrium follows from the rest:
 
     * linear: linear elasticity alone, milliseconds per plan; the field may hold inverted elements.
@@ -55,10 +58,11 @@ class Simulator:
         *,
         loads: Loads | None = None,
         linear: bool = False,
+        everywhere: bool = False,
     ):
         began = time.perf_counter()
         self._patient, self._settings, self._arm = patient, settings, arm
-        self._loads, self._linear = loads, linear
+        self._loads, self._linear, self._everywhere = loads, linear, everywhere
         self._law = settings.material(patient.tissue)
         self._keeps = settings.kept_factors and not (linear or arm == "mucosa+lip")
         self._elastic: ElasticSolver | None = None
@@ -71,8 +75,18 @@ class Simulator:
     def __exit__(self, *_) -> None:
         self.close()
 
-    def solve(self, plans: Sequence[Plan], forces: Sequence[np.ndarray] | None = None) -> list[SolveResult]:
-        """Displacement of every node under each plan; forces: dead forces (n, 3) mN of each, if not that of `loads`."""
+    def of(self, settings: FemSettings, loads: Loads | None) -> "Simulator":
+        """The same patient of a tissue and loads near these, on the factors of this one, which releases them."""
+        other = copy.copy(self)
+        other._settings, other._loads, other._law = settings, loads, settings.material(self._patient.tissue)
+        other._kept = self._kept and self._kept.of(other._law, loads)
+        return other
+
+    def solve(
+        self, plans: Sequence[Plan], forces: Sequence[np.ndarray] | None = None, starts: np.ndarray | None = None
+    ) -> list[SolveResult]:
+        """Displacement of every node under each plan; forces: dead forces (n, 3) mN of each, if not that of `loads`;
+        starts (k, n, 3) mm: fields that kept factors begin with, if not the linear ones."""
         boundaries = [self._boundary(plan) for plan in plans]
         if forces is not None:
             dead = [replace(self._loads, forces=force) if self._loads else Loads(force) for force in forces]
@@ -80,7 +94,7 @@ class Simulator:
         if self._linear:
             return [self._linear_result(boundary) for boundary in boundaries]
         if self._kept is not None:
-            return self._kept.solve(boundaries)
+            return self._kept.solve(boundaries, starts)
         mesh = self._patient.points, self._patient.cells
         return [solve(*mesh, self._law, boundary, self._settings) for boundary in boundaries]
 
@@ -105,7 +119,8 @@ class Simulator:
             return None
         mesh, watched = (self._patient.points, self._patient.cells), None
         if self._settings.accuracy != EXACT:
-            watched = self._patient.onto_judged
+            count = len(self._patient.points)
+            watched = sparse.eye_array(count) if self._everywhere else self._patient.onto_judged
         return KeptFactors(*mesh, self._law, rest, self._settings, self._elastic, watched)
 
     def _linear_elasticity(self, boundary: BoundaryConditions, single: bool) -> ElasticSolver:

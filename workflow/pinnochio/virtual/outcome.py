@@ -15,11 +15,11 @@ from pinnochio.importing.registration import register, upper_face_plane
 from pinnochio.importing.segmentation import Segmentation, read_segmentation
 from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.loads import Loads
 from pinnochio.mechanics.elements.materials import neo_hookean
-from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator
-from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
+from pinnochio.mechanics.solvers.inversion_repair import repair_inversions, volume_ratios
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.tetrahedralize import tetrahedralize
@@ -191,7 +191,8 @@ def meshed(operation: Operation, effects: Mapping[str, Any], by_lip: bool | None
 def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientModel) -> Outcome:
     """What mechanics alone makes of the plan with these effects. RuntimeError as :func:`operate`."""
     draws = operation.draws("execution_error")
-    with _simulator(operation, effects, patient, random=True) as simulator:
+    settings, outer = _tissue(operation, effects, patient, random=True)
+    with Simulator(patient, settings, loads=outer, everywhere=True) as simulator:
         for _ in range(ATTEMPTS):
             executed = operation.plan
             if effects["execution_error"]:
@@ -201,17 +202,19 @@ def moved(operation: Operation, effects: Mapping[str, Any], patient: PatientMode
                 break
         else:
             raise RuntimeError(f"case {operation.case!r}: the simulated outcome did not converge: {reason}")
-    if not effects["stiffness_spread"] and not effects["pre_stress"]:
-        return Outcome(patient, displacement, executed, displacement)
-    with _simulator(operation, effects, patient, random=False) as simulator:
-        expected, reason = _solved(operation, simulator, patient, executed)
+        if not effects["stiffness_spread"] and not effects["pre_stress"]:
+            return Outcome(patient, displacement, executed, displacement)
+        mean = simulator.of(*_tissue(operation, effects, patient, random=False))
+        expected, reason = _solved(operation, mean, patient, executed, displacement)
     if expected is None:
         raise RuntimeError(f"case {operation.case!r}: the expected outcome did not converge: {reason}")
     return Outcome(patient, displacement, executed, expected)
 
 
-def _simulator(operation: Operation, effects: Mapping[str, Any], patient: PatientModel, random: bool) -> Simulator:
-    """Of the patient's own tissue, or of the mean one."""
+def _tissue(
+    operation: Operation, effects: Mapping[str, Any], patient: PatientModel, random: bool
+) -> tuple[FemSettings, Loads | None]:
+    """Mechanics and loads of the patient's own tissue, or of the mean one."""
     fem, draws = operation.settings.fem, operation.draws("stiffness_spread")
     spread = effects["stiffness_spread"] if random else 0.0
     moduli = {
@@ -227,15 +230,17 @@ def _simulator(operation: Operation, effects: Mapping[str, Any], patient: Patien
         yielding=effects["yielding"],
     )
     tension = operation.draws("pre_stress") if random else None
-    outer = loads(patient, operation.landmarks, effects["pre_stress"], tension)
-    return Simulator(patient, varied, loads=outer)
+    return varied, loads(patient, operation.landmarks, effects["pre_stress"], tension)
 
 
 def _solved(
-    operation: Operation, simulator: Simulator, patient: PatientModel, executed: Plan
+    operation: Operation, simulator: Simulator, patient: PatientModel, executed: Plan, near: np.ndarray | None = None
 ) -> tuple[np.ndarray | None, str]:
-    """Displacement (n, 3) mm under a plan, None where tissue cannot follow it, and why the solver stopped."""
-    (result,) = simulator.solve([executed])
+    """Displacement (n, 3) mm under a plan, None where tissue cannot follow it, and why the solver stopped.
+
+    near (n, 3) mm: a field to begin with.
+    """
+    (result,) = simulator.solve([executed], starts=None if near is None else near[None])
     LOG.info("%s; %.1f s", result.reason, result.seconds)
     if result.converged and result.min_jacobian > 0:
         return result.displacement, result.reason
@@ -310,8 +315,8 @@ def after(outcome: Outcome, changes: Changes, dials: Dials) -> Outcome:
 def admissible(points, cells, displacement, change) -> np.ndarray:
     """The change (n, 3) mm of a displacement, halved around elements as often as it takes to leave each of them a
     fifth of its volume ratio: at the bone some are so flat that no field of this kind suits them."""
-    change, floor = np.array(change), 0.2 * jacobians(points, cells, displacement)
-    while (flat := jacobians(points, cells, displacement + change) < floor).any():
+    change, floor = np.array(change), 0.2 * volume_ratios(points, cells, displacement)
+    while (flat := volume_ratios(points, cells, displacement + change) < floor).any():
         change[np.unique(cells[flat])] *= 0.5
     return change
 

@@ -97,6 +97,12 @@ class Elements:
         """Round-off, mN mm, of an energy in mN mm: below it the energy cannot tell two states apart."""
         return self.round_off + RELATIVE_ROUND_OFF * abs(energy)
 
+    def of(self, material: Material) -> "Elements":
+        """The same mesh of a material with other constants, tissue by tissue."""
+        lam = np.bincount(self.patch, self.volumes * material.lam) / self.patch_volumes
+        mean_mu = float(np.average(material.mu, weights=self.volumes))
+        return replace(self, material=material, patch_lam=lam, modulus=mean_mu)
+
     def with_extension(self, extension: float) -> "Elements":
         """The same mesh with ln J replaced by its Taylor polynomial below another J."""
         return replace(self, material=replace(self.material, extension=extension))

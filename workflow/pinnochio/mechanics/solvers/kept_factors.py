@@ -16,6 +16,7 @@ What does not converge so, or may have found another equilibrium than a small mo
 the load; what fails even then is solved by Newton's method from rest, as `newton.solve` does.
 """
 
+import copy
 import time
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,7 +29,7 @@ from pinnochio.compiled import compiled
 from pinnochio.geometry.mesh_topology import edges_of
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.constraints import Constraints
-from pinnochio.mechanics.boundary.loads import OuterForces
+from pinnochio.mechanics.boundary.loads import Loads, OuterForces
 from pinnochio.mechanics.boundary.sliding import SlidingNodes
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements, least_reaction, lumped
@@ -121,15 +122,23 @@ class KeptFactors:
         self._free = used[:, None] & ~self._constraints.constrained
         self._shell = touching(elements, nodes)
 
-    def solve(self, boundaries: Sequence[BoundaryConditions]) -> list[SolveResult]:
+    def of(self, material: Material, loads: Loads | None) -> "KeptFactors":
+        """The same mesh of another material under another tension: near enough to these, the factors serve it too."""
+        other = copy.copy(self)
+        other._material, other._rest = material, self._rest.of(material, loads)
+        other._elements = other._rest.elements
+        return other
+
+    def solve(self, boundaries: Sequence[BoundaryConditions], starts: np.ndarray | None = None) -> list[SolveResult]:
         """The solution of each boundary condition, which differs from the first one in motion and dead forces alone.
 
         All advance together, so that their loads meet the factors together; a plan that fails does not stop others.
+        starts (k, n, 3) mm: fields at full load to begin with, if not the linear ones.
         """
         began = time.perf_counter()
         trajectories = [self._trajectory(item) for item in boundaries]
         self._end = began + self._settings.time_limit * len(trajectories)
-        self._advance(trajectories)
+        self._advance(trajectories, starts)
         share = (time.perf_counter() - began) / max(len(trajectories), 1)
         results = []
         for boundary, trajectory in zip(boundaries, trajectories, strict=True):
@@ -148,12 +157,13 @@ class KeptFactors:
         forces = boundary.loads.forces if boundary.loads else None
         return Trajectory(self._constraints.under(boundary), self._rest.outer.under(forces))
 
-    def _advance(self, trajectories: Sequence[Trajectory]) -> None:
+    def _advance(self, trajectories: Sequence[Trajectory], starts: np.ndarray | None) -> None:
         if not trajectories:
             return
-        starts = self._rest.spread(np.stack([trajectory.constraints.motions() for trajectory in trajectories]))
-        if any(trajectory.outer.act for trajectory in trajectories):
-            starts += self._rest.under(np.stack([trajectory.outer.forces for trajectory in trajectories]))
+        if starts is None:
+            starts = self._rest.spread(np.stack([trajectory.constraints.motions() for trajectory in trajectories]))
+            if any(trajectory.outer.act for trajectory in trajectories):
+                starts += self._rest.under(np.stack([trajectory.outer.forces for trajectory in trajectories]))
         walks = [self._walk(trajectory, start) for trajectory, start in zip(trajectories, starts, strict=True)]
         numbers, answers = list(range(len(trajectories))), [None] * len(trajectories)
         while numbers:

@@ -1,12 +1,14 @@
 """Linear elasticity of one patient: factorised once, then milliseconds per plan."""
 
+import copy
+
 import numpy as np
 from scipy import sparse
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.constraints import Constraints
-from pinnochio.mechanics.boundary.loads import OuterForces
+from pinnochio.mechanics.boundary.loads import Loads, OuterForces
 from pinnochio.mechanics.elements.assembly import Assembler
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, Elements
@@ -50,6 +52,13 @@ class ElasticSolver:
         self._linear = linear_solver(inner.indptr, inner.indices, linear_solver_kind, single)
         if not self._linear.factorize(inner.data):
             raise RuntimeError("the stiffness at rest is not positive definite to working precision")
+
+    def of(self, material: Material, loads: Loads | None) -> "ElasticSolver":
+        """The same factors, for elements of another material under another tension, of which they are not."""
+        other = copy.copy(self)
+        other.elements = self.elements.of(material)
+        other.outer = OuterForces(self.constraints.points, loads)
+        return other
 
     def solve(self, boundary: BoundaryConditions) -> np.ndarray:
         """Displacement (n, 3) in mm at full load; the boundary differs from the first one in its motion and its dead
