@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import TypeVar
 
 Result = TypeVar("Result")
-REPEATS = 3  # of a timed prediction
+REPEATS, PATIENCE = 3, 0.02  # of a timed prediction that takes less than so many seconds; a longer one is made once
 
 
 def timed(prepare: Callable[[], Callable[[], Result]], warm: bool = True) -> tuple[Result, float, float]:
-    """prepare()(), seconds of one warm call (median of REPEATS), seconds of preparing with the first call.
+    """prepare()(), seconds of a warm call (median of REPEATS where it is quick), of preparing with the first call.
 
     warm: False for a single call, whose seconds hold what only a first one takes.
     """
@@ -20,7 +20,7 @@ def timed(prepare: Callable[[], Callable[[], Result]], warm: bool = True) -> tup
     if warm:
         predict()
     setup = time.perf_counter() - start
-    return *repeated(predict, math.inf if warm else 0.0), setup
+    return *repeated(predict, PATIENCE if warm else 0.0), setup
 
 
 def repeated(predict: Callable[[], Result], patience: float = math.inf) -> tuple[Result, float]:
