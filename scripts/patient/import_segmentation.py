@@ -15,7 +15,7 @@ from pinnochio.importing.head_parts import read_head_parts
 from pinnochio.importing.markups import read_markups
 from pinnochio.importing.muscle_layer import muscle_layer
 from pinnochio.importing.osteotomy import osteotomy
-from pinnochio.importing.plausible import by_rule, check_plausible, judged, unlike_people
+from pinnochio.importing.plausible import check_plausible, judged, unlike_people
 from pinnochio.importing.presets import LOWER_TEETH, UPPER_TEETH
 from pinnochio.importing.registration import upper_face_plane
 from pinnochio.importing.repair import repair
@@ -23,7 +23,7 @@ from pinnochio.importing.segmentation import Segmentation, read_segmentation, wr
 from pinnochio.logs import collected
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
-from pinnochio.plans.roles import UNCUT
+from pinnochio.plans.roles import GUESS, UNCUT
 
 
 def import_segmentation(
@@ -102,7 +102,8 @@ def _checked_head(
             case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts
         )
     else:
-        head, made = read_segmentation(segmentation, case, label_values, segments, orientation, repair_limit), {}
+        head = read_segmentation(segmentation, case, label_values, segments, orientation, repair_limit)
+        made = {"closed": head.closed} if head.closed else {}
         frame = check_anatomy(head.labels, head.spacing, head.segments, head.axes, case, segmentation)
     labels, repairs = repair(
         labels=head.labels,
@@ -114,7 +115,8 @@ def _checked_head(
     )
     check_plausible(labels=labels, spacing=head.spacing, segments=head.segments, case=case, file=segmentation)
     odd = unlike_people(labels, head.spacing, head.segments)
-    care = judged(odd, accept, by_rule(made.get("cuts", {})), case, segmentation)
+    guessed = any(why.endswith(GUESS) for why in made.get("cuts", {}).values())
+    care = judged(odd, accept, guessed, case, segmentation)
     return replace(head, labels=labels), frame, made, repairs, care
 
 
@@ -157,4 +159,5 @@ def _cut_head(
         for name, (place, source) in sorted(made.landmarks.items())
     }
     head = Segmentation(made.labels, parts.spacing, parts.origin, made.segments, parts.axes)
-    return head, frame, {"tool": tool, "soft_tissue": parts.soft, "cuts": made.cuts, "landmarks": landmarks}
+    said = {"tool": tool, "soft_tissue": parts.soft, "closed": parts.closed}
+    return head, frame, said | {"cuts": made.cuts, "landmarks": landmarks}

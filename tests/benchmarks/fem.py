@@ -120,9 +120,10 @@ def main() -> None:
     parser.add_argument("--field", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        from pinnochio.mechanics.problems import BLOCK, BLOCK_STEPS, box
+        from pinnochio.mechanics.problems import BLOCK, box
 
-        points, cells = box(BLOCK, BLOCK_STEPS[options.nodes[0]])
+        # cubes along its edges for about so many thousand nodes
+        points, cells = box(BLOCK, {3: (20, 15, 8), 10: (31, 23, 12), 30: (46, 34, 17)}[options.nodes[0]])
         result = peer(points, cells) if options.one == SOLVERS[0] else ours(points, cells, *options.one.split())
         np.save(options.field, result.pop("u"))
         print(json.dumps(result))

@@ -528,16 +528,8 @@ def plans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "a comma at the end": (text[:-1].encode() + b",}", None),
     }
     wrong = [True, False, None, "5", "5,5", [], {}, [0, 1], [0, 1, 2, 3], [[0, 1, 2]], 1e9, -1e9, 51, 10**400]
-    wrong += [
-        float("nan"),
-        float("inf"),
-        [0, "1", 2],
-        [0, True, 0],
-        [0, None, 0],
-        [0, float("nan"), 0],
-        [10**400, 0, 0],
-    ]
-    wrong += [[0, 60, 0], [1e308, 1e308, 0]]
+    wrong += [float("nan"), float("inf"), [0, "1", 2], [0, True, 0], [0, None, 0], [0, float("nan"), 0]]
+    wrong += [[10**400, 0, 0], [0, 60, 0], [1e308, 1e308, 0]]
     for key in ("rotation", "translation", "pivot"):
         for value in wrong:
             if key == "pivot" and value == [0, 60, 0]:
@@ -558,16 +550,9 @@ def plans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     for key in strange:
         cases[f"with the key {key!r}"] = (json.dumps(plan_of() | {key: "cm"}).encode(), None)
         cases[f"a motion with the key {key!r}"] = (json.dumps(plan_of(**{key: 1})).encode(), None)
-    heads = (
-        {"frame": "RAS"},
-        {"frame": None},
-        {"units": "cm"},
-        {"units": 1},
-        {"case": 3},
-        {"case": "P2"},
-        {"case": None},
-    )
-    for head_ in (*heads, {"convention": "x"}, {"segments": []}, {"segments": {"lefort1": 5}}, {"segments": None}):
+    heads = [{"frame": "RAS"}, {"frame": None}, {"units": "cm"}, {"units": 1}, {"case": 3}, {"case": "P2"}]
+    heads += [{"case": None}, {"convention": "x"}]
+    for head_ in (*heads, {"segments": []}, {"segments": {"lefort1": 5}}, {"segments": None}):
         cases[f"head {head_}"] = (json.dumps(plan_of() | head_).encode(), None)
     for name, (data, result) in cases.items():
         yield Tried(f"plan: {name}", partial(_read_bytes, read, "a.json", data), result)
@@ -587,17 +572,8 @@ def markups(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         return json.dumps({"markups": [markup | parts]}).encode()
 
     yield from of_bytes("markups", "a.mrk.json", text_of(), read, rng, count, sealed=np.inf)
-    for place in (
-        ["1", "2", "3"],
-        [True, False, True],
-        [1, 2],
-        [1, 2, None],
-        [[1, 2, 3]],
-        "123",
-        1e400,
-        {},
-        [1e299, 0, 0],
-    ):
+    strange = [["1", "2", "3"], [True, False, True], [1, 2], [1, 2, None], [[1, 2, 3]], "123", 1e400, {}]
+    for place in [*strange, [1e299, 0, 0]]:
         points = [{"label": "A", "position": place}]
         yield Tried(f"markups: at {place}", partial(_read_bytes, read, "a.mrk.json", text_of(controlPoints=points)))
     for size in ([-10, 10, 10], [0, 10, 10], [10, 10], ["10", "10", "10"], 10, None):
@@ -714,24 +690,8 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "a path too long": ((head_ + row.replace("a.json", "a" * 300)).encode(), None),
         "a huge field": ((head_ + row.replace("P1", "P" * 200_000)).encode(), None),
     }
-    names = [
-        "-P1",
-        "--help",
-        "P 1",
-        "P/1",
-        "..",
-        ".",
-        "",
-        "P1.nii",
-        "P\t1",
-        "Jörg",
-        "P１",
-        "P²",
-        65 * "P",
-        "P*",
-        "P'1",
-        "$P",
-    ]
+    names = ["-P1", "--help", "P 1", "P/1", "..", ".", "", "P1.nii", "P\t1", "Jörg", "P１", "P²", 65 * "P", "P*"]
+    names += ["P'1", "$P"]
     for name in names:
         cases[f"the name {name[:20]!r}"] = ((head_ + row.replace("P1", name)).encode(), None)
     for name in ("p1", "P1", " P1"):

@@ -141,13 +141,23 @@ def points(path, frame="LPS", **places):
 
 
 def plane(path, name, point, normal, how="normal"):
-    """Write a plane as a markup: with its normal, or with the matrix of its axes."""
+    """Write a plane as a markup: with its normal, or with the matrix of its axes; or by the name of its file alone, as
+    3D Slicer does ("slicer"), before 4.13 by three "points"."""
     normal = np.asarray(normal, float) / np.linalg.norm(normal)
     markup = {"type": "Plane", "name": name, "coordinateSystem": "LPS", "coordinateUnits": "mm"}
     markup["controlPoints"] = [{"label": name, "position": list(map(float, point))}]
-    if how == "normal":
-        markup["normal"] = normal.tolist()
-    else:
+    if how in ("slicer", "points"):  # as of a plane that was first called otherwise
+        del markup["name"]
+        path = path.with_name(f"{name}.mrk.json")
+        across = np.cross(normal, [1, 0, 0])
+        places = [point, point + 9 * across, point + 9 * np.cross(normal, across)][: 1 if how == "slicer" else 3]
+        markup["controlPoints"] = [
+            {"label": f"temp-{number}", "position": np.asarray(place, float).tolist(), "positionStatus": "defined"}
+            for number, place in enumerate(places, 1)
+        ]
+    if how in ("normal", "slicer"):
+        markup |= {"center": list(map(float, point)), "normal": normal.tolist(), "size": [90.0, 90.0, 0.0]}
+    elif how == "matrix":
         one = np.cross(normal, [0.3, 0.5, 0.8])
         one /= np.linalg.norm(one)
         axes = np.eye(4)

@@ -274,17 +274,8 @@ def test_two_plans_are_measured_side_by_side(page):
 
 def test_it_fits_a_small_laptop_and_a_phone_gets_a_sentence(browser, address, page):
     assert page.evaluate("document.documentElement.scrollWidth") <= 1280
-    for place in (
-        "#undo",
-        "#reset",
-        "#tracing",
-        "#map_interval",
-        "#look_right",
-        "#numbers",
-        "#occlude",
-        "#name",
-        "#save",
-    ):
+    shown = ("undo", "reset", "tracing", "map_interval", "look_right", "numbers", "occlude", "name", "save")
+    for place in map("#{}".format, shown):
         box = page.locator(place).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= 1280 and box["y"] + box["height"] <= 720, place
     assert not page.locator("#phone").is_visible()

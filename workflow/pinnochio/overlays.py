@@ -1,12 +1,7 @@
 """Settings laid over others, and what differs between two."""
 
-import os
-from collections.abc import Iterable, Iterator, Mapping
-from functools import reduce
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import Any
-
-import yaml
 
 
 def overlaid(base: Mapping, overlay: Mapping) -> dict:
@@ -15,11 +10,6 @@ def overlaid(base: Mapping, overlay: Mapping) -> dict:
     for key, value in overlay.items():
         merged[key] = overlaid(merged.get(key, {}), value) if isinstance(value, Mapping) else value
     return merged
-
-
-def read_merged(paths: Iterable[str | os.PathLike]) -> dict:
-    """The first YAML file with the values of the others over its own, as `--configfile` puts them."""
-    return reduce(overlaid, (yaml.safe_load(Path(path).read_text(encoding="utf-8")) for path in paths))
 
 
 def differences(base: Mapping, other: Mapping, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -2,9 +2,11 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pinnochio.figures.cephalogram import BEFORE, PLANNED, PREDICTED, SKIN_MARKS
 from pinnochio.model.bone_landmarks import BONE_MEASURES, bone_landmarks, bone_measures
@@ -61,6 +63,24 @@ def test_bone_that_the_scan_does_not_show_is_left_out(face):
     patient = face._patient
     high = float(patient.bone_points[:, 2].max()) + 100
     assert "N" not in bone_landmarks(patient, 0.0, np.array([0, -80.0, high])).points
+
+
+def test_a_root_without_a_hollow_has_no_nasion(face):
+    patient, rest = face._patient, face._cephalogram.bone.under(REST)
+    sellion, (x, y, z) = face.landmarks.positions[0], patient.bone_points.T
+    flat = np.where((patient.bone_segment < 0) & (z > rest["N"][2] - 30), np.maximum(y, rest["N"][1]), y)
+    plain = replace(patient, bone_points=np.column_stack([x, flat, z]))
+    assert "N" not in bone_landmarks(plain, 0.0, sellion).points
+
+
+@pytest.mark.parametrize(("kind", "seen"), [("class_ii", True), ("class_iii", False)])
+def test_the_chin_of_a_bent_head_is_where_it_was_or_left_out(kind, seen):
+    face, turn = FaceMeasures(face_alone(kind)), Rotation.from_euler("x", 25, degrees=True)  # chin to the chest
+    patient, rest = face._patient, face._cephalogram.bone.under(REST)
+    bent = replace(patient, bone_points=turn.apply(patient.bone_points))
+    points = bone_landmarks(bent, 0.0, turn.apply(face.landmarks.positions[0])).points
+    assert ("Pog" in points) == ("B" in points) == seen and "N" in points
+    assert not seen or np.linalg.norm(points["Pog"][0][0] - turn.apply(rest["Pog"])) < 4
 
 
 def drawn(text: str, colour: str, width: float) -> list[np.ndarray]:

@@ -66,7 +66,7 @@ def test_our_reader_takes_a_closed_surface_back_as_it_was(tmp_path):
     points = np.asarray(box.vertices) + [10, -80, 40]
     for name in ("bone.ply", "bone.stl"):
         write_surface(points, box.faces.astype(np.int32), tmp_path / name)
-        corners, _ = read_closed_surface(tmp_path / name, None, pytest.fail)
+        corners, *_ = read_closed_surface(tmp_path / name, None, pytest.fail)
         assert np.allclose(corners.mean(axis=0), points.mean(axis=0), atol=1e-3) and len(corners) == len(points)
 
 

@@ -13,6 +13,7 @@ from pinnochio.model.labels import segment_name
 from pinnochio.model.surfaces import BoneSurface
 
 BELOW, OTHER_SIDE = (0.0, -0.45, -1.0), (-1, -0.05, 0.05)
+CLOSING = "#e0801f"
 ROWS, WIDTH = 14, 54  # lines of repairs that are listed; characters of a line
 
 
@@ -31,6 +32,9 @@ def segments_picture(
             plotter.add_mesh(surface_of(part.points, part.faces), color=colours[index])
         if title != "below":
             plotter.add_mesh(surface_of(*skin), color=SKIN, opacity=0.15)
+        for plane in (plane for planes in report.get("closed", {}).values() for plane in planes):
+            drawn = {"center": plane["place"], "direction": plane["normal"], "i_size": plane["size"]}
+            plotter.add_mesh(pv.Plane(**drawn, j_size=plane["size"]), color=CLOSING, opacity=0.25)
         # What lies on the other side is not seen.
         hidden = {"left side": ("RGo", "RCo"), "right side": ("LGo", "LCo")}.get(title, ())
         marks = {name: mark for name, mark in report.get("landmarks", {}).items() if name not in hidden}
@@ -59,6 +63,7 @@ def _lines(report: Mapping) -> list[str]:
     """What the picture says in words."""
     lines = [f"frame, {name}: {text}" for name, text in report.get("frame", {}).items()]
     lines += [f"soft tissue: {report['soft_tissue']}"] if "soft_tissue" in report else []
+    lines += [f"closed {name}: {len(planes)} planes (orange)" for name, planes in report.get("closed", {}).items()]
     lines += [f"cut {name}: {why}" for name, why in report.get("cuts", {}).items()]
     repairs = sorted((row for row in report["repairs"] if row["what"] != KEPT), key=lambda row: -row["voxels"])
     lines += ["", f"repairs: {sum(repair['voxels'] for repair in repairs)} voxels"]

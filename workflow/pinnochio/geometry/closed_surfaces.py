@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
 SPACING = 1.0  # mm; half the thinnest plate of bone that the later stages keep
 MARGIN = 15  # voxels of air round the head where it is whole, more than the edge of a lattice cell
 CUT_AREA, CUT_FLATNESS = 1000.0, 0.2  # mm2, mm: so much skin so flat at an end of the head is a cut, as at the neck
+FLAT, NARROW, TORN = 1.0, 45.0, 0.1  # mm off a plane, mm across; share of the edges that are open: no surface [I]
+Surface = tuple[np.ndarray, np.ndarray]
 Refuse = Callable[..., None]  # refuse(problem, remedy, file=...) raises InputError
 
 
@@ -34,7 +37,7 @@ def surface_files(folder: str | os.PathLike, refuse: Refuse) -> dict[str, Path]:
             refuse(f"{file.stem!r} has two surfaces", "keep one file per structure", file=file)
         files[file.stem] = file
     if not files:
-        refuse("the folder holds no surface", f"save one closed surface per structure as {', '.join(SURFACE_FORMATS)}")
+        refuse("the folder holds no surface", f"save one surface per structure as {', '.join(SURFACE_FORMATS)}")
     return files
 
 
@@ -66,37 +69,62 @@ def read_triangles(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray,
     return points, faces
 
 
-def read_closed_surface(path: str | os.PathLike, direction, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
-    """A closed surface in LPS mm: every edge belongs to an even number of triangles.
+def read_closed_surface(path, direction, refuse: Refuse) -> tuple[np.ndarray, np.ndarray, list[dict]]:
+    """A surface in LPS mm, closed as by :func:`closed_openings`, and the planes that close it.
 
     direction (3, 3) turns the file's axes into LPS; None trusts the file: LPS, or RAS where 3D Slicer says so.
     """
     points, faces = read_triangles(path, refuse)
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    torn = int((np.unique(edges, axis=0, return_counts=True)[1] % 2).sum())
-    if torn:
-        refuse(
-            f"the surface is not closed ({torn} open edges)",
-            "close it, also where the head is cut, and export it again",
-            file=path,
-        )
     if direction is None:
         with open(path, "rb") as file:
             direction = np.diag([-1.0, -1.0, 1.0] if b"SPACE=RAS" in file.read(2000) else [1.0, 1.0, 1.0])
-    return points @ np.asarray(direction).T, faces
+    return closed_openings(points @ np.asarray(direction).T, faces, partial(refuse, file=path))
 
 
-def voxelised(surfaces: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[sitk.Image, Iterator[np.ndarray]]:
+def closed_openings(points, faces, refuse: Refuse) -> tuple[np.ndarray, np.ndarray, list[dict]]:
+    """The surface (LPS mm) with its openings closed, and the planes that close the wide ones: place, normal, size.
+
+    An opening that is flat or narrow, as where a scan ends or of an eye, is closed in its plane; the rim of a face in a
+    plane at its hindmost point, up to which the surface is drawn backwards.
+    """
+    edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    _, first, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
+    rim, planes = edges[first[count % 2 == 1]], []
+    if len(rim) > TORN * len(count):
+        refuse(f"{len(rim)} of its {len(count)} edges are open", "export it as one surface, cut at its ends")
+    opening = pieces(rim, len(points))[rim[:, 0]]
+    for one in np.unique(opening):
+        ends = rim[opening == one]
+        places = points[np.unique(ends)]
+        centre, size = places.mean(axis=0), float(np.ptp(places, axis=0).max())
+        normal = np.linalg.eigh(np.cov(places.T))[1][:, 0]
+        if size > NARROW and np.percentile(np.abs((places - centre) @ normal), 90) > FLAT:
+            normal, centre[1] = np.array([0.0, 1.0, 0.0]), places[:, 1].max()
+            used, here = np.unique(ends, return_inverse=True)
+            behind = len(points) + here.reshape(ends.shape)
+            points = np.vstack([points, points[used] * [1, 0, 1] + [0, centre[1], 0]])
+            walls = np.column_stack([ends[:, ::-1], behind[:, 0]]), np.column_stack([ends[:, 1], behind])
+            faces, ends = np.vstack([faces, *walls]), behind
+        fan = np.column_stack([ends[:, ::-1], np.full(len(ends), len(points))])
+        points, faces = np.vstack([points, centre]), np.vstack([faces, fan])
+        if size > NARROW:
+            planes.append({"place": centre.round(1).tolist(), "normal": normal.round(3).tolist(), "size": size})
+    return points, faces, planes
+
+
+def voxelised(surfaces: Sequence[Surface], head: bool = True) -> tuple[sitk.Image, Iterator[np.ndarray]]:
     """Grid of SPACING round closed surfaces (points mm, faces), and the voxels (bool [iz, iy, ix]) inside each.
 
     The first surface is the outer skin. The grid has a margin of air, but ends at the head where the skin ends in a
-    flat cut across an axis: there the head goes on, as at the border of a scan.
+    flat cut across an axis: there the head goes on, as at the border of a scan. Not of a head, but of pieces of one, it
+    is as small as can be.
     """
     skin = surfaces[0][0]
     points = np.concatenate([vertices for vertices, _ in surfaces])
-    cut_low, cut_high = _cuts(*surfaces[0])
-    low = np.where(cut_low, skin.min(axis=0) + SPACING / 2, points.min(axis=0) - MARGIN * SPACING)
-    high = np.where(cut_high, skin.max(axis=0) - SPACING / 2, points.max(axis=0) + MARGIN * SPACING)
+    cut_low, cut_high = _cuts(*surfaces[0]) if head else np.zeros((2, 3), bool)
+    margin = MARGIN if head else 1
+    low = np.where(cut_low, skin.min(axis=0) + SPACING / 2, points.min(axis=0) - margin * SPACING)
+    high = np.where(cut_high, skin.max(axis=0) - SPACING / 2, points.max(axis=0) + margin * SPACING)
     size = np.maximum(np.floor((high - low) / SPACING + 1e-6).astype(int) + 1, 1)
     low = np.where(cut_high & ~cut_low, high - (size - 1) * SPACING, low)
     grid = sitk.Image(size.tolist(), sitk.sitkUInt8)

@@ -15,12 +15,9 @@ import pyvista as pv
 Refuse = Callable[..., None]  # refuse(problem, remedy, file=...) raises InputError
 AGAIN = "export it again, or copy it again from where it comes from"
 # Types of PLY by their codes of NumPy.
-PLY_TYPES = {
-    **{name: code for code, names in {"i1": "char int8", "u1": "uchar uint8"}.items() for name in names.split()},
-    **{name: code for code, names in {"i2": "short int16", "u2": "ushort uint16"}.items() for name in names.split()},
-    **{name: code for code, names in {"i4": "int int32", "u4": "uint uint32"}.items() for name in names.split()},
-    **{name: code for code, names in {"f4": "float float32", "f8": "double float64"}.items() for name in names.split()},
-}
+_NAMES = "i1 char int8, u1 uchar uint8, i2 short int16, u2 ushort uint16, i4 int int32, u4 uint uint32"
+_NAMES += ", f4 float float32, f8 double float64"
+PLY_TYPES = {name: words.split()[0] for words in _NAMES.split(", ") for name in words.split()[1:]}
 STL_HEAD, STL_FACET = 84, 50  # bytes
 MOST = 100  # points or faces of a byte of a VTP, which may be compressed
 

@@ -2,8 +2,8 @@
 
 import logging
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.errors import InputError, refusal
+from pinnochio.geometry.closed_surfaces import surfaces_in
 from pinnochio.importing.images import face, read_volume
 from pinnochio.importing.presets import (
     BONE_OF,
@@ -30,8 +31,8 @@ from pinnochio.importing.presets import (
     UPPER_TEETH,
     Preset,
 )
-from pinnochio.importing.segment_files import Segment, read_segments
-from pinnochio.importing.segmentation import HEADER, axes_of, check_extent, labelled_extent
+from pinnochio.importing.segment_files import Segment, check_extent, read_segments, read_surfaces
+from pinnochio.importing.segmentation import HEADER, axes_of, labelled_extent
 from pinnochio.importing.soft_tissue import (
     air_threshold,
     between,
@@ -54,7 +55,7 @@ ISLAND = 25.0  # mm between teeth of one arch, at most: what lies farther off is
 SMALLEST_HEAD = 0.3  # of the volume of the bones: less soft tissue is no face [I]
 # Which part wins where two claim a voxel.
 RANK = {UPPER_TEETH: 8, LOWER_TEETH: 8, CANAL: 4, SKULL: 4, MANDIBLE: 4, MUSCLE: 2, NOTHING: 1, SOFT: 0.4, HEAD: 0.2}
-RANK |= dict.fromkeys(PIECES.values(), 5)
+RANK |= dict.fromkeys(PIECES.values(), 7.9)  # over bone where half of a voxel is theirs, not over teeth
 NOUN = {SKULL: "skull", MANDIBLE: "mandible"}
 
 
@@ -63,7 +64,7 @@ class HeadParts:
     """parts (nx, ny, nz) uint8 of :mod:`presets` [ix, iy, iz], 0 air; spacing, origin (3,) mm, LPS; axes of the file.
 
     soft: where the soft tissue comes from, in words; sided: whether structures that tell left from right are labelled;
-    pieces: of PIECES, 0 elsewhere.
+    pieces: of PIECES, 0 elsewhere; closed: planes that close openings of surfaces, by structure.
     """
 
     parts: np.ndarray
@@ -73,6 +74,7 @@ class HeadParts:
     soft: str
     sided: bool = False
     pieces: np.ndarray | None = None
+    closed: Mapping[str, Sequence[dict]] = field(default_factory=dict)
 
     def piece(self, name: str) -> np.ndarray | None:
         """Voxels of a piece that is cut already (of PIECES), None where nobody has cut it."""
@@ -98,14 +100,14 @@ def read_head_parts(
 ) -> HeadParts:
     """The parts of a head from the tool's file, or folder of files, and the scan itself (None: not needed).
 
-    A file of a folder is a label map of the kind that its name tells, or one structure that its name is. Cubes of
-    VOXEL mm, or the finest edge of the file. regions: boxes (low, high) mm outside of which nothing is kept.
+    A file of a folder is a label map of the kind that its name tells, or one structure that its name is, a surface too.
+    Cubes of VOXEL mm, or the finest edge of the file. regions: boxes (low, high) mm outside of which nothing is kept.
     Soft tissue: what the tool labels as inside the skin; without that, what is no air in the volume (Otsu). Of it is
     kept what is DEPTH mm from the skin at most: neither brain nor throat nor tongue. Bone that hangs on nothing is
     dropped, up to loose_percent of skull or mandible. Raises InputError.
     """
     refuse = refusal(case, path)
-    values, grid, axes, sided, cropped = _read_parts(path, preset, orientation, regions, refuse)
+    values, grid, axes, sided, closed_by, cropped = _read_parts(path, preset, orientation, regions, refuse)
     scan = read_scan(volume, orientation, case, refuse) if volume else None
     if scan and cropped:  # to the bones: the skin lies beyond
         grid, values, _ = _grown(grid, values, np.zeros_like(values), scan, regions, refuse)
@@ -115,7 +117,7 @@ def read_head_parts(
     bone = np.isin(values, (*UPPER, *LOWER))
     head, source = _head(values, bone, scan, volume, grid, case, refuse)
     values = _with_soft(values, bone, head, spacing, case, volume or path)
-    return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, sided, pieces)
+    return HeadParts(values, np.full(3, spacing), np.array(grid.GetOrigin()), axes, source, sided, pieces, closed_by)
 
 
 def _tidy_bones(values, spacing: float, case: str) -> None:
@@ -166,20 +168,22 @@ def _drop_loose(values, limit: float, refuse) -> None:
 
 
 def _read_parts(path, preset: str, orientation: str, regions, refuse):
-    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, whether labels tell left from right, and whether
-    files are cropped, each to its structure."""
+    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, whether labels tell left from right, what
+    closes surfaces, and whether files are cropped, each to its structure."""
     tool = PRESETS[preset]
     direction = None if orientation == HEADER else axes_of(orientation)
     grid, values, weight, centre = None, None, None, {}
-    axes, boxes = "LPS", set()
-    for file, image, pieces in _structures(path, tool, refuse):
-        face(image, direction, partial(refuse, file=file))
+    axes, boxes, closed_by = "LPS", set(), {}
+    for file, image, pieces in _structures(path, tool, refuse, direction):
+        if file.is_file():
+            face(image, direction, partial(refuse, file=file))
         if grid is None:
             axes = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
         grid, values, weight = _grown(grid, values, weight, image, regions, refuse)
         boxes.add((image.GetSize(), image.GetOrigin()))
-        for name, voxels in pieces:
-            share = _resampled(_on(image, voxels()), grid)
+        for name, segment in pieces:
+            closed_by |= {name: segment.closed} if segment.closed else {}
+            share = _resampled(_on(image, segment.voxels()), grid)
             across = share.sum(axis=(1, 2))
             if across.any():
                 x = grid.GetOrigin()[0] + grid.GetSpacing()[0] * np.arange(len(across))
@@ -205,20 +209,23 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
             f"left and right are exchanged: {wrong[0][0]!r} lies to the right of {wrong[0][1]!r}",
             "correct the header, or set 'orientation' to where the voxel axes really point",
         )
-    return values, grid, axes, bool(pairs), len(boxes) > 1
+    return values, grid, axes, bool(pairs), closed_by, len(boxes) > 1
 
 
 def bone_parts(path: str | os.PathLike, preset: str, refuse) -> Iterator[tuple[sitk.Image, np.ndarray]]:
     """Grid and bone (bool [iz, iy, ix]) of each file of a tool."""
     tool = PRESETS[preset]
     for _, image, pieces in _structures(path, tool, refuse):
-        masks = [voxels() for name, voxels in pieces if BONE_OF[tool.all_parts[name]] in (*UPPER, *LOWER)]
+        masks = [part.voxels() for name, part in pieces if BONE_OF[tool.all_parts[name]] in (*UPPER, *LOWER)]
         if masks:
             yield image, np.logical_or.reduce(masks)
 
 
-def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, list]]:
-    """Of each file its grid and its structures: name and voxels() -> bool [iz, iy, ix]."""
+def _structures(path, tool: Preset, refuse, direction=None) -> Iterator[tuple[Path, sitk.Image, list]]:
+    """Of each file, and of all surfaces of a folder, the grid and the structures: name and segment.
+
+    direction: of the axes of surfaces, as of :func:`read_surfaces`.
+    """
     path = Path(path)
     files = [path]
     if path.is_dir():
@@ -227,14 +234,17 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
             for file in sorted(path.iterdir())
             if file.name.lower().endswith(IMAGE_FORMATS) and not file.name.startswith(".")
         ]
-        if not files:
-            refuse("the folder holds no image", "put the label maps of the tool there")
+        if surfaces_in(path) or not files:
+            files.append(path)
     sources: dict[str, Path] = {}
     for file in files:
         refuse_file = partial(refuse, file=file)
         stem = file.name.split(".")[0]
         kinds = [kind for kind in tool.maps if kind in stem]
-        image, segments = read_segments(file, refuse_file, may_be_empty=path.is_dir())
+        if file.is_dir():  # beside a label map there is no more than the surfaces
+            image, segments = read_surfaces(file, direction, refuse, len(files) == 1)
+        else:
+            image, segments = read_segments(file, refuse_file, may_be_empty=path.is_dir())
         if not segments:  # as of what a tool looks for and does not find
             continue
         called = _by_name(segments, tool, refuse_file)
@@ -246,8 +256,8 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
                     f"it holds {len(segments)} values, and its name is that of one structure",
                     "save a mask of zeros and ones, not a probability",
                 )
-            pieces = [(stem, segments[0].voxels)]
-        elif len(kinds) == 1 or len(files) == 1:
+            pieces = [(stem, segments[0])]
+        elif file.is_file() and (len(kinds) == 1 or len(files) == 1):
             names = tool.maps[kinds[0] if len(kinds) == 1 else next(iter(tool.maps))]
             strange = [str(segment) for segment in segments if segment.value not in names]
             if strange:
@@ -256,7 +266,7 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
                     f"check that it is the tool's own label map: {len(names)} values from 1 on; or write down what its "
                     "values mean in 'labels'",
                 )
-            pieces = [(names[segment.value], segment.voxels) for segment in segments]
+            pieces = [(names[segment.value], segment) for segment in segments]
         else:
             listed = ", ".join(kind for kind in tool.maps if kind) or "the one label map"
             refuse_file(
@@ -272,11 +282,11 @@ def _structures(path, tool: Preset, refuse) -> Iterator[tuple[Path, sitk.Image, 
 
 
 def _by_name(segments: Sequence[Segment], tool: Preset, refuse) -> list:
-    """Structures and voxels of segments that bear the tool's names, which then count, whatever their values are; none
+    """Structures of segments that bear the tool's names, which then count, whatever their values are; none
     where no name is known, or where those that are agree with their values, as beside a segment that was added."""
     called = [tool.structure(segment.name) for segment in segments if segment.name]
     if called and all(called):
-        return [(name, segment.voxels) for name, segment in zip(called, segments, strict=True)]
+        return list(zip(called, segments, strict=True))
     for name, segment in zip(called, segments, strict=False):
         if name and all(values.get(segment.value) != name for values in tool.maps.values()):
             strange = segments[called.index(None)]

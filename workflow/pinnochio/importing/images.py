@@ -29,16 +29,10 @@ TURNED = 1e-2  # cosines by which the two frames of a NIfTI header may differ
 APART = 0.5  # mm; so may their origins
 STRETCHED = 1e-2  # share by which voxel size and frame may differ
 # Bytes of an element by the words of NRRD and of MetaImage.
-NRRD_BYTES = {
-    **dict.fromkeys(("signed char", "int8", "int8_t", "uchar", "unsigned char", "uint8", "uint8_t"), 1),
-    **dict.fromkeys(("short", "short int", "signed short", "signed short int", "int16", "int16_t"), 2),
-    **dict.fromkeys(("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"), 2),
-    **dict.fromkeys(("int", "signed int", "int32", "int32_t", "uint", "unsigned int", "uint32", "uint32_t"), 4),
-    **dict.fromkeys(("longlong", "long long", "long long int", "int64", "int64_t", "double"), 8),
-    **dict.fromkeys(("signed long long", "signed long long int", "ulonglong", "uint64", "uint64_t"), 8),
-    **dict.fromkeys(("unsigned long long", "unsigned long long int"), 8),
-    "float": 4,
-}
+_C = {"char": 1, "short": 2, "short int": 2, "int": 4, "longlong": 8, "long long": 8, "long long int": 8}
+NRRD_BYTES = {sign + word: size for sign in ("", "signed ", "unsigned ", "u") for word, size in _C.items()}
+NRRD_BYTES |= {f"{sign}int{8 * size}{end}": size for size in (1, 2, 4, 8) for sign in ("", "u") for end in ("", "_t")}
+NRRD_BYTES |= {"float": 4, "double": 8}
 # Bits of a voxel by the data type of NIfTI: whole numbers, then others.
 NIFTI_BITS = {2: 8, 256: 8, 4: 16, 512: 16, 8: 32, 768: 32, 1024: 64, 1280: 64}
 NIFTI_BITS |= {1: 1, 16: 32, 64: 64, 32: 64, 1792: 128, 1536: 128, 2048: 256, 128: 24, 2304: 32}

@@ -16,7 +16,7 @@ from pinnochio.json_text import numbers, read_json
 ENDING, POINTS = ".mrk.json", ".fcsv"
 FRAMES = {"LPS": np.ones(3), "0": np.array([-1.0, -1.0, 1.0]), "RAS": np.array([-1.0, -1.0, 1.0]), "1": np.ones(3)}
 FARTHEST = 1e5  # mm from the origin of a scanner
-PLANE, REGION = "Plane", "ROI"
+PLANE, REGION, LIST = "Plane", "ROI", "Fiducial"
 UNNAMED = re.compile(r"\w{0,2}[-_ ]?\d+")
 
 
@@ -32,8 +32,8 @@ class Markups:
 def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
     """All markups of the files. A turned region counts as the box along the axes that holds it.
 
-    Points that bear a number of 3D Slicer (F-1) are marks of nothing. Raises InputError for what cannot be read, a unit
-    other than mm and two points or planes of one name.
+    Points that bear a number of 3D Slicer (F-1), or lie on a curve, are marks of nothing. Raises InputError for what
+    cannot be read, a unit other than mm and two points or planes of one name.
     """
     markups = Markups()
     for path in paths:
@@ -55,7 +55,8 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
                 ]
                 places = [turn * _three(point["position"]) for point in defined]
                 if markup["type"] == PLANE:
-                    name = str(markup.get("name") or (defined[0]["label"] if defined else Path(path).name))
+                    # 3D Slicer writes no name but the file's; its points are called as the plane first was.
+                    name = str(markup.get("name") or Path(path).name[: -len(ENDING)])
                     _add(markups.planes, name, _plane(markup, places, turn), refuse)
                 elif markup["type"] == REGION:
                     if markup.get("insideOut"):
@@ -64,7 +65,7 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
                 else:
                     for point, place in zip(defined, places, strict=True):
                         name = str(point["label"])
-                        if name not in markups.points or not UNNAMED.fullmatch(name):
+                        if name not in markups.points or markup["type"] == LIST and not UNNAMED.fullmatch(name):
                             _add(markups.points, name, place, refuse)
         except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
             if isinstance(error, InputError):

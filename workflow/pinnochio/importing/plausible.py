@@ -1,14 +1,14 @@
 """What no head looks like, whatever format it comes in: voxels too coarse for bone, bones of a size that nobody has."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import ndimage
 
 from pinnochio.errors import refusal
 from pinnochio.model.labels import AIR, CRANIUM, internal_codes, segment_name
-from pinnochio.plans.roles import GUESS, UNCUT, known_role
+from pinnochio.plans.roles import UNCUT, known_role
 
 COARSEST = 5.0  # mm; slices of CT are no thicker, and plates of bone are thinner already [I]
 IN_THE_AIR = 0.95  # share of the voxels round a bone; 0.85 in a model of a face with nothing behind the maxilla [X]
@@ -113,8 +113,3 @@ def _remedy(cut: bool) -> str:
     if cut:
         return "look at it; give planes or landmarks as markups, or correct the labels; or set osteotomy.accept"
     return "correct the labels; or, if this is so, set osteotomy.accept"
-
-
-def by_rule(cuts: Mapping[str, str]) -> bool:
-    """Whether any of the cuts lies where nobody has said that it lies."""
-    return any(why.endswith(GUESS) for why in cuts.values())

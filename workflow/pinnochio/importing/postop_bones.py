@@ -53,7 +53,8 @@ def read_postop_bones(
     read = (read_triangles(file, refuse) for file in files)
     import trimesh  # half a second, which a plan given as motions is spared
 
-    points, faces = _joined([(points, _outward(points, faces)) for points, faces in read], refuse)
+    outward = [(points, faces if enclosed_volume(points, faces) > 0 else faces[:, ::-1]) for points, faces in read]
+    points, faces = _joined(outward, refuse)
     points = in_millimetres(points, bone_points, "bone", case, path)
     longest = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2).max(axis=1)
     # A triangle becomes four until no edge is too long.
@@ -98,8 +99,3 @@ def _surface(image, inside, refuse) -> tuple[np.ndarray, np.ndarray]:
     points = points[used] @ np.reshape(image.GetDirection(), (3, 3)).T + image.GetOrigin()
     faces = faces.reshape(-1, 3).astype(np.int32)
     return points, faces if np.linalg.det(np.reshape(image.GetDirection(), (3, 3))) > 0 else faces[:, ::-1]
-
-
-def _outward(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The faces, turned round where they look into the bone."""
-    return faces if enclosed_volume(points, faces) > 0 else faces[:, ::-1]

@@ -18,6 +18,7 @@ UPPER, LOWER = (SKULL, UPPER_TEETH), (MANDIBLE, LOWER_TEETH, CANAL)
 # Pieces that a surgeon has cut already, beside what any tool writes; and the bone that each part is of.
 PIECES = {"lefort1": 10, "mandible_distal": 11, "proximal_left": 12, "proximal_right": 13, "chin": 14}
 BONE_OF = np.array([*range(10), SKULL, *[MANDIBLE] * 4], np.uint8)
+TEETH = {"upper_teeth": UPPER_TEETH, "lower_teeth": LOWER_TEETH, "mandibular_canal": CANAL}
 # Other names of structures, as the tools' modules for 3D Slicer write them [R].
 OTHER_NAMES = {
     **dict.fromkeys(("maxillaupperskull", "upperskullmaxilla", "skull"), "upper_skull"),
@@ -50,8 +51,8 @@ class Preset:
 
     @property
     def all_parts(self) -> dict[str, int]:
-        """The part of each structure and of pieces that are cut already."""
-        return {**self.parts, **PIECES}
+        """The part of each structure, of the skin, and of pieces that are cut already."""
+        return {"skin": HEAD, **self.parts, **PIECES}
 
     @property
     def sides(self) -> list[tuple[str, str]]:
@@ -60,16 +61,9 @@ class Preset:
         return [pair for pair in pairs if pair[1] in self.all_parts]
 
 
-def _five() -> Preset:
-    names = ("upper_skull", "mandible", "upper_teeth", "lower_teeth", "mandibular_canal")
-    parts = (SKULL, MANDIBLE, UPPER_TEETH, LOWER_TEETH, CANAL)
-    return Preset({"": dict(enumerate(names, 1))}, dict(zip(names, parts, strict=True)))
-
-
-def _naso() -> Preset:
-    names = ("upper_skull", "mandible", "maxilla", "upper_teeth", "lower_teeth", "mandibular_canal")
-    parts = (SKULL, MANDIBLE, SKULL, UPPER_TEETH, LOWER_TEETH, CANAL)
-    return Preset({"": dict(enumerate(names, 1))}, dict(zip(names, parts, strict=True)))
+def _one_map(**parts: int) -> Preset:
+    """A tool of one label map, whose values count from 1."""
+    return Preset({"": dict(enumerate(parts, 1))}, parts)
 
 
 def _universal() -> Preset:
@@ -82,15 +76,7 @@ def _universal() -> Preset:
         order = reversed(outward) if side.startswith(("upper_right", "lower_left")) else outward
         names += [f"{side}_{number}" for number in order]
     parts = {name: UPPER_TEETH if name.startswith("upper") else LOWER_TEETH for name in names}
-    names += ["mandible", "maxilla", "mandibular_canal"]
-    parts |= {"mandible": MANDIBLE, "maxilla": SKULL, "mandibular_canal": CANAL}
-    return Preset({"": dict(enumerate(names, 1))}, parts)
-
-
-def _amasss() -> Preset:
-    values = {1: "MAND", 2: "CB", 3: "UAW", 4: "MAX", 5: "CV", 6: "SKIN"}
-    parts = (MANDIBLE, SKULL, NOTHING, SKULL, NOTHING, HEAD)
-    return Preset({"": values}, dict(zip(values.values(), parts, strict=True)))
+    return _one_map(**parts, mandible=MANDIBLE, maxilla=SKULL, mandibular_canal=CANAL)
 
 
 def _totalsegmentator() -> Preset:
@@ -106,9 +92,9 @@ def _totalsegmentator() -> Preset:
 
 
 PRESETS = {
-    "dentalsegmentator": _five(),
-    "nasomaxilla": _naso(),
+    "dentalsegmentator": _one_map(upper_skull=SKULL, mandible=MANDIBLE, **TEETH),
+    "nasomaxilla": _one_map(upper_skull=SKULL, mandible=MANDIBLE, maxilla=SKULL, **TEETH),
     "universal": _universal(),
-    "amasss": _amasss(),
+    "amasss": _one_map(MAND=MANDIBLE, CB=SKULL, UAW=NOTHING, MAX=SKULL, CV=NOTHING, SKIN=HEAD),
     "totalsegmentator": _totalsegmentator(),
 }

@@ -1,7 +1,8 @@
 """Images of segments: plain label maps, 3D Slicer's `.seg.nrrd` with its names and layers, and DICOM-SEG."""
 
+import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +10,11 @@ import numpy as np
 import SimpleITK as sitk
 
 from pinnochio.errors import InputError
+from pinnochio.geometry.closed_surfaces import read_closed_surface, surface_files, voxelised
 from pinnochio.importing.images import AGAIN, check_places, read_volume
 
+LOG = logging.getLogger(__name__)
+HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies between
 Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
 SEG_AGAIN = "export the segmentation as one DICOM-SEG file"
 
@@ -19,12 +23,13 @@ SEG_AGAIN = "export the segmentation as one DICOM-SEG file"
 class Segment:
     """One segment of a file: its name and its voxel value or number, None where the format has none.
 
-    voxels() gives its voxels, bool [iz, iy, ix] (None for a surface); segments of one file may overlap.
+    voxels() gives its voxels, bool [iz, iy, ix]; segments of one file may overlap; closed: planes that close a surface.
     """
 
     name: str | None
     value: int | None = None
     voxels: Callable[[], np.ndarray] | None = None
+    closed: Sequence[dict] = ()
 
     def __str__(self) -> str:
         number = "" if self.value is None else f"{self.value:g}"
@@ -50,6 +55,36 @@ def read_segments(
     if named:
         return image, _slicer_segments(image, values.reshape(*values.shape[:3], channels), refuse)
     return image, [Segment(None, value, lambda value=value: values == value) for value in np.unique(values) if value]
+
+
+def read_surfaces(folder, direction, refuse: Refuse, head: bool = True) -> tuple[sitk.Image, list[Segment]]:
+    """Grid and segments of the surfaces of a folder, each called as its file is; what is open is closed, and said.
+
+    direction: as of :func:`read_closed_surface`; head: whether the largest is a skin.
+    """
+    files = surface_files(folder, refuse)
+    surfaces = {name: read_closed_surface(file, direction, refuse) for name, file in files.items()}
+    for name, (*_, closed) in surfaces.items():
+        if closed:
+            LOG.warning("%s is open; %d planes close it, see segments.png", files[name], len(closed))
+    extent = {name: float(np.ptp(points, axis=0).max()) for name, (points, *_) in surfaces.items()}
+    check_extent(max(extent.values()), refuse)
+    order = sorted(surfaces, key=extent.get, reverse=True)  # the skin is the largest
+    image, voxels = voxelised([surfaces[name][:2] for name in order], head)
+    masks = dict(zip(order, voxels, strict=True))
+    return image, [Segment(name, None, lambda name=name: masks[name], surfaces[name][2]) for name in surfaces]
+
+
+def check_extent(extent: float | None, refuse: Refuse) -> None:
+    """Refuse a head whose longest side (mm) is none."""
+    if extent is None or HEAD_EXTENT[0] <= extent <= HEAD_EXTENT[1]:
+        return
+    units = {-3: "metres", -1: "centimetres", -2: "centimetres", 3: "micrometres"}
+    unit = units.get(round(np.log10(extent / 200)), "another unit")
+    refuse(
+        f"the head measures {extent:.4g} mm; the voxel spacing or the coordinates seem to be in {unit}",
+        "write them in millimetres",
+    )
 
 
 def _slicer_segments(image: sitk.Image, layers: np.ndarray, refuse: Refuse) -> list[Segment]:

@@ -5,7 +5,7 @@ import logging
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,11 @@ from scipy import ndimage
 
 from pinnochio.errors import InputError, refusal
 from pinnochio.files import replacing
-from pinnochio.geometry.closed_surfaces import read_closed_surface, read_triangles, surface_files, voxelised
+from pinnochio.geometry.closed_surfaces import read_triangles
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION
 from pinnochio.importing.images import face, read_stored_image
 from pinnochio.importing.scan_checks import check_joined, thinned, without_spikes
-from pinnochio.importing.segment_files import Segment, read_segments
+from pinnochio.importing.segment_files import Segment, check_extent, read_segments, read_surfaces
 from pinnochio.importing.soft_tissue import hollows
 from pinnochio.model.labels import AIR, CRANIUM, TISSUES, TOUCHING, internal_codes
 from pinnochio.model.surfaces import BoneSurface
@@ -29,14 +29,14 @@ LOG = logging.getLogger(__name__)
 HEADER = "header"
 BESIDE = 0.1  # of the labelled rim of a piece: a structure that it may be part of [I]
 LARGE = 250.0  # cm3 of a structure, at most, that what nothing names is held against [I]
-HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies between
 
 
 @dataclass(frozen=True)
 class Segmentation:
     """labels (nx, ny, nz) uint8 internal codes [ix, iy, iz]; spacing (3,) mm; origin (3,) centre of voxel 0, LPS.
 
-    segments: the bone segments that it holds, in the order of their codes; axes: where the axes of the file pointed.
+    segments: the bone segments that it holds, in the order of their codes; axes: where the axes of the file pointed;
+    closed: planes that close openings of surfaces, by structure.
     """
 
     labels: np.ndarray
@@ -44,6 +44,7 @@ class Segmentation:
     origin: np.ndarray
     segments: tuple[str, ...] = ()
     axes: str = "LPS"
+    closed: Mapping[str, Sequence[dict]] = field(default_factory=dict)
 
 
 def read_segmentation(
@@ -56,12 +57,12 @@ def read_segmentation(
 ) -> Segmentation:
     """Read a segmentation in any orientation into internal codes on an axis-aligned LPS grid.
 
-    path: a label map (NIfTI, NRRD, MHA), a 3D Slicer `.seg.nrrd`, a DICOM-SEG (`.dcm`), or a folder with one closed
-    surface per structure (STL, PLY, OBJ, VTP; voxels of 1 mm). label_values: of "superficial", "muscle", "cranium" and
-    of every segment the voxel value (of a DICOM-SEG the segment number; a surface then bears the name of its
-    structure), or the name that the file gives it. segments: those that a case may have; its own are those that it
-    holds, coded in this order. Where structures overlap, bone goes over muscle, muscle over
-    superficial tissue, a segment over the cranium and over segments listed before it. What a bone encloses is bone.
+    path: a label map (NIfTI, NRRD, MHA), a 3D Slicer `.seg.nrrd`, a DICOM-SEG (`.dcm`), or a folder with one surface
+    per structure (STL, PLY, OBJ, VTP; voxels of 1 mm; what is open is closed). label_values: of "superficial",
+    "muscle", "cranium" and of every segment the voxel value (of a DICOM-SEG the segment number; a surface then bears
+    the name of its structure), or the name that the file gives it. segments: those that a case may have; its own are
+    those that it holds, coded in this order. Where structures overlap, bone goes over muscle, muscle over superficial
+    tissue, a segment over the cranium and over segments listed before it. What a bone encloses is bone.
     What is not named counts as what else the file has there, or as air, with a warning; it is refused where it makes up
     more than `unnamed_percent` of the structure that it lies against, unless `label_values` lists it under "left_out":
     that is air, in soft tissue too. Muscle may be missing in `label_values` and in the file; the result then holds
@@ -80,31 +81,18 @@ def read_segmentation(
     optional = ("muscle", *segments)
     direction = axes_of(orientation) if orientation != HEADER else None
     if Path(path).is_dir():
-        files = surface_files(path, refuse)
         wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
-        chosen = _chosen([Segment(stem) for stem in files], wanted, optional, case, path, refuse)
-        surfaces = {part.name: read_closed_surface(files[part.name], direction, refuse) for part in chosen.values()}
-        check_extent(float(max(np.ptp(points, axis=0).max() for points, _ in surfaces.values())), refuse)
-        others = {}
-        for stem in files.keys() - surfaces.keys():
-            try:
-                others[stem] = read_closed_surface(files[stem], direction, refuse)
-            except InputError as error:
-                LOG.warning("case %r: %s is not used: %s", case, files[stem], error.problem)
-        image, voxels = voxelised([*surfaces.values(), *others.values()])
-        masks = [next(voxels) for _ in chosen]
-        parts = [Segment(stem, None, lambda mask=mask: mask) for stem, mask in zip(others, voxels, strict=True)]
+        image, parts = read_surfaces(path, direction, refuse)
     else:
         image, parts = read_segments(path, refuse)
-        chosen = _chosen(parts, wanted, optional, case, path, refuse)
-        masks = (part.voxels() for part in chosen.values())
         face(image, direction, refuse)
+    chosen = _chosen(parts, wanted, optional, case, path, refuse)
     present = tuple(name for name in segments if name in chosen)
     check_together(present, case, path)
     codes = internal_codes(present)
     values = np.full(image.GetSize()[::-1], AIR, np.uint8)
-    for name, mask in zip(chosen, masks, strict=True):
-        values[mask] = codes[name]
+    for name, part in chosen.items():
+        values[part.voxels()] = codes[name]
     others = [part for part in parts if part not in chosen.values()]
     air = np.zeros(values.shape, bool)
     for part in others:
@@ -125,7 +113,8 @@ def read_segmentation(
         if name != "muscle" and not (labels == codes[name]).any():
             what = "tissue" if name in TISSUES else "bone"
             refuse(f"{what} {name!r} ({part}) is empty or covered by other structures", "label it where it alone is")
-    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()), present, axes)
+    closed = {name: part.closed for name, part in chosen.items() if part.closed}
+    return Segmentation(labels, np.array(coded.GetSpacing()), np.array(coded.GetOrigin()), present, axes, closed)
 
 
 def _fill(values, codes: Mapping[str, int], air, voxel: float, case: str) -> None:
@@ -335,18 +324,6 @@ def in_millimetres(points, reference, what: str, case: str, path: str | os.PathL
             f"give the {what} of this patient in millimetres, centimetres or metres, the whole face and little else",
         )
     return points
-
-
-def check_extent(extent: float | None, refuse) -> None:
-    """Refuse a head whose longest side (mm) is none."""
-    if extent is None or HEAD_EXTENT[0] <= extent <= HEAD_EXTENT[1]:
-        return
-    units = {-3: "metres", -1: "centimetres", -2: "centimetres", 3: "micrometres"}
-    unit = units.get(round(np.log10(extent / 200)), "another unit")
-    refuse(
-        f"the head measures {extent:.4g} mm; the voxel spacing or the coordinates seem to be in {unit}",
-        "write them in millimetres",
-    )
 
 
 def _axis_aligned(image: sitk.Image) -> sitk.Image:

@@ -9,8 +9,6 @@ from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.elements.materials import Material, lame
 
 BLOCK = (80.0, 60.0, 30.0)  # mm
-# Cubes along the three edges of the block for about so many thousand nodes.
-BLOCK_STEPS = {3: (20, 15, 8), 10: (31, 23, 12), 30: (46, 34, 17)}
 
 
 def box(size, steps, jitter=0.0, seed=0) -> tuple[np.ndarray, np.ndarray]:

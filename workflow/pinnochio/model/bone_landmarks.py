@@ -16,6 +16,8 @@ BESIDE = (-4.0, -2.0, 0.0, 2.0, 4.0)  # mm from the midline: sections whose fore
 FRONT, DEEP = 10.0, 20.0  # mm beside the midline and behind the front of a jaw: its incisors and chin [I]
 CREST, SPINE = (6.0, 14.0), (20.0, 36.0)  # mm from the incisors' edge: alveolar crest, anterior nasal spine [R]
 CHIN = 20.0  # mm above menton within which pogonion lies [I]
+BROW = 10.0  # mm above the nasal root at least [I]
+SEEN = 1.0  # mm of a hollow or a prominence off its chord: less is the surface's, or the scan does not show it [I]
 GLABELLA, BRIDGE, ROOT = 35.0, 25.0, 30.0  # mm above, below and behind the skin of the nasal root: its bone [I]
 
 
@@ -41,7 +43,9 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
     U1, L1: edges of the incisors. ANS: foremost at the height of the spine; A: deepest behind the chord from ANS to the
     alveolar crest. Me: lowest of the chin, Pog: its foremost; B: deepest behind the chord from Pog to the crest. N:
     deepest behind the chord from the glabella to the nasal bones, near the skin's sellion (3,) mm. Go: corners of both
-    jaw angles. A and B of bone without a hollow, and ANS of bone without a spine, are places of about their height.
+    jaw angles. A and B of bone without a hollow, and ANS of bone without a spine, are places of about their height. A
+    root of the nose without a hollow is none; without a foremost place, Pog is farthest in front of the chord from Me
+    to the crest, or left out with B.
     """
     lower = of_segments(patient.bone_segment, patient.segments, "distal", UNCUT, "chin")
     upper, height = upper_jaw(patient), patient.bone_points[:, 2]
@@ -70,6 +74,11 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
         deepest = farthest(line, start, end, False)
         return deepest if deepest not in (start, end) else (start + end) // 2
 
+    def off(line, start: int, end: int, at: int) -> float:
+        """How far (mm) a place lies behind the chord between two."""
+        along, way = line[end] - line[start], line[at] - line[start]
+        return float(along[1] * way[0] - along[0] * way[1]) / max(float(np.linalg.norm(along)), 1e-9)
+
     def upper_rule(line, at):
         edge = line[0, 1]
         spine = _foremost_of(line, at(edge + SPINE[0]), at(edge + SPINE[1]))
@@ -80,13 +89,19 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
         top = len(line) - 1
         chin = _foremost_of(line, 0, at(line[0, 1] + CHIN))
         crest = _foremost_of(line, at(line[top, 1] - CREST[1]), at(line[top, 1] - CREST[0]))
+        end = at(line[0, 1] + CHIN)
+        if chin == end:  # a chin that recedes, or a head that is bent
+            chin = farthest(line, 0, crest, True, 0, end)
+            if chin == end or off(line, 0, crest, chin) > -SEEN:
+                return {"Me": 0, "L1": top}
         return {"Me": 0, "Pog": chin, "L1": top, "B": fold(line, chin, crest)}
 
     def root_rule(line, at):
         root = at(sellion[2])
-        bridge, brow = _foremost_of(line, 0, root), _foremost_of(line, root, len(line) - 1)
+        bridge, brow = _foremost_of(line, 0, root), _foremost_of(line, at(sellion[2] + BROW), len(line) - 1)
         deepest = farthest(line, bridge, brow, False)
-        return {"N": deepest} if 0 < line[deepest, 0] - sellion[1] < ROOT else {}
+        seen = off(line, bridge, brow, deepest) > SEEN
+        return {"N": deepest} if seen and 0 < line[deepest, 0] - sellion[1] < ROOT else {}
 
     if len(heights[0]):
         read(jaws[0], heights[0].min(), heights[0].max(), upper_rule)

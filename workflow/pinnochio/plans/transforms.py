@@ -31,7 +31,7 @@ LOG = logging.getLogger(__name__)
 RIGID = 1e-4  # what files in single precision leave of R'R = I
 NO_ROTATION = 1e-6
 AGAIN = "save the linear transform again, with finite numbers"
-FIXED = "TransformFixedParameters"
+FIXED, KEYS = "TransformFixedParameters", ("Transform", "Parameters", "FixedParameters")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 MOST = 1000  # numbers of a linear transform are 16 at most
 SECONDS = 2  # of a processor; HDF5 reads some damaged files for ever, undamaged ones take milliseconds
@@ -233,10 +233,6 @@ def _lines(file: Path) -> list[str]:
     return [line for line in lines if line and not line.startswith("#")]
 
 
-def _plain(line: str) -> bool:
-    return line.isascii() and line.replace("\t", " ").isprintable()
-
-
 def _check_text(file: Path, refuse) -> None:
     """Refuse a text file of another form than ITK writes: cut off, or with a number that ITK would read half."""
     try:
@@ -250,7 +246,7 @@ def _check_text(file: Path, refuse) -> None:
     for line in _lines(file):
         key, colon, rest = line.partition(":")
         # What is a blank to Python and none to ITK makes it read memory that is not the file's.
-        if not colon or key not in ("Transform", "Parameters", "FixedParameters") or not _plain(line):
+        if not colon or key not in KEYS or not (line.isascii() and line.replace("\t", " ").isprintable()):
             refuse(f"it has the line {line[:60]!r}")
         if key != "Transform" and (
             wrong := [word for word in rest.split() if not NUMBER.fullmatch(word) or abs(float(word)) > LARGEST]
