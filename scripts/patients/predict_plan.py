@@ -54,9 +54,9 @@ def predict_plan(
         about = dict(about) | {"method": FALLBACK, "instead_of": about["method"], "corrections": 0}
         method, names, networks, lifts, covariates = {**method, **fallback}, [FALLBACK], {}, [], []
     with Stages(Path(result).with_name(".predict_plan.json")) as stages:
-        read = {"models": [planned["model"]], "plans": [planned["plan"]], "trained": list(networks.values())}
+        read = {"models": [planned["model"]], "plans": [[planned["plan"]]], "trained": list(networks.values())}
         read |= {"lifts": lifts, "truths": [], "covariates": covariates}
-        made = {"predictions": outputs["ensemble"] if archive else result}
+        made = {"predictions": [outputs["ensemble"] if archive else result]}
         stages(predict, read, made, {"names": names, "cases": [case], "warm": False, **method})
         if archive:
             calibration = str(Path(archive) / calibration_file(about["method"]))

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 from pinnochio.json_text import read_stored_json
@@ -21,45 +22,51 @@ def predict(
     names: Sequence[str],
     cases: Sequence[str],
     models: Sequence[str],
-    plans: Sequence[str],
+    plans: Sequence[Sequence[str]],
     trained: Sequence[str],
     lifts: Sequence[str],
     truths: Sequence[str],
     covariates: Sequence[str],
     device: str,
     threads: int,
-    predictions: str,
+    predictions: Sequence[str],
     warm: bool = True,
 ) -> None:
     """Write the prediction of each of `names`, cases or folds, by the method of a `predictor`; FloatingPointError if a
     field is not finite.
 
-    settings: values of the sections that it reads. cases and the files have one entry per name, or one for all: plans
-    and models; what a fold has trained, if anything; lifts of a method that has one; files of the virtual truth for a
-    bound; what else is known, for a method that reads it. warm: whether the seconds are of warm calls.
+    settings: values of the sections that it reads. cases and the files have one entry per name, or one for all: models;
+    what a fold has trained, if anything; lifts of a method that has one; files of the virtual truth for a bound; what
+    else is known, for a method that reads it. plans: such files of each motion that has a file of `predictions`; what
+    belongs to a patient serves all motions. warm: whether the seconds are of warm calls.
     """
     patients = {model: PatientModel.read(model) for model in dict.fromkeys(models)}
-    methods, made = {}, {}
+    methods, made = {}, [{} for _ in predictions]
 
     @lru_cache(maxsize=1)  # one patient for all folds, or each once
-    def planned(case: str, model: str, plan: str, lift: str | None, truth: str | None, known: str | None) -> Planned:
-        return Planned(
+    def planned(
+        case: str, model: str, lift: str | None, truth: str | None, known: str | None, *plans: str
+    ) -> list[Planned]:
+        first = Planned(
             case=case,
             patient=patients[model],
-            plan=Plan.read(plan, case),
+            plan=Plan.read(plans[0], case),
             lift=Lift.read(lift) if lift else None,
             truth=truth,
             covariates=read_stored_json(known) if known else {},
             warm=warm,
         )
+        return [replace(first, plan=Plan.read(plan, case)) for plan in plans]
 
-    files = (_each(part, len(names)) for part in (cases, models, plans, trained, lifts, truths, covariates))
-    for name, case, model, plan, fitted, lift, truth, known in zip(names, *files, strict=True):
+    files = (_each(part, len(names)) for part in (cases, trained, models, lifts, truths, covariates, *plans))
+    for name, case, fitted, *of_patient in zip(names, *files, strict=True):
         if fitted not in methods:
             methods[fitted] = resolve(predictor)(settings=settings, trained=fitted, device=device, threads=threads)
-        made[name] = prediction = methods[fitted](planned(case, model, plan, lift, truth, known))
-        logging.info("%s: %.4f s, and %.3f s for the patient", name, prediction.seconds, prediction.setup_seconds)
-    write_predictions(predictions, made)
+        for motion, one in zip(made, planned(case, *of_patient), strict=True):
+            motion[name] = prediction = methods[fitted](one)
+            logging.info("%s: %.4f s, and %.3f s for the patient", name, prediction.seconds, prediction.setup_seconds)
+    for file, motion in zip(predictions, made, strict=True):
+        write_predictions(file, motion)
 
 
 def _each(values: Sequence[str], count: int) -> list[str | None]:
@@ -69,14 +76,15 @@ def _each(values: Sequence[str], count: int) -> list[str | None]:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    names = ("models", "plans", "trained", "lifts", "truths", "covariates")
+    names = ("models", "trained", "lifts", "truths", "covariates")
     predict(
         predictor=snakemake.params.predictor,
         settings=snakemake.params.settings,
         names=snakemake.params.names,
         cases=snakemake.params.cases,
         **{name: snakemake.input.get(name, []) for name in names},
+        plans=[snakemake.input.plans],
         device=device_of(snakemake.params.predictor, snakemake.resources.gpu, snakemake.threads),
         threads=snakemake.threads,
-        predictions=snakemake.output.predictions,
+        predictions=[snakemake.output.predictions],
     )

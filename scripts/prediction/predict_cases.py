@@ -21,14 +21,15 @@ def predict_cases(
     """Predict, then judge; other metrics predict nothing anew.
 
     read, method: inputs and settings of :func:`~scripts.prediction.predict.predict`; judged: files and settings of
-    :func:`~scripts.tables.evaluate.evaluate`; motions: one after another, plans with the files of OUTPUTS.
+    :func:`~scripts.tables.evaluate.evaluate`; motions: plans with the files of OUTPUTS.
     """
     with Stages(Path(motions[0][1]["predictions"]).with_name(".predict_cases.json")) as stages:
+        made = {"predictions": [outputs["predictions"] for _, outputs in motions]}
+        stages(predict, {**read, "plans": [plans for plans, _ in motions]}, made, method)
         for plans, outputs in motions:
-            predictions = {"predictions": outputs["predictions"]}
-            measured = {name: outputs[name] for name in OUTPUTS if name not in predictions}
-            stages(predict, {**read, "plans": plans}, predictions, method)
-            stages(evaluate, {**judged["files"], "plans": plans, **predictions}, measured, judged["settings"])
+            files = {**judged["files"], "plans": plans, "predictions": outputs["predictions"]}
+            measured = {name: outputs[name] for name in OUTPUTS if name != "predictions"}
+            stages(evaluate, files, measured, judged["settings"])
 
 
 if __name__ == "__main__":

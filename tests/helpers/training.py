@@ -122,14 +122,14 @@ def predict_all(networks: dict[str, str], patient, ensemble: str, corrections: i
         names=list(networks),
         cases=[patient.case],
         models=[patient.model],
-        plans=[plan or patient.plan],
+        plans=[[plan or patient.plan]],
         trained=list(networks.values()),
         lifts=[lift] if lift else [],
         truths=[],
         covariates=[patient.covariates] if lift else [],
         device="cpu",
         threads=1,
-        predictions=ensemble,
+        predictions=[ensemble],
     )
 
 
@@ -145,10 +145,10 @@ def predict_by(
         cases=[patient.case],
         models=[model or patient.model],
         lifts=[],
-        plans=[plan or patient.plan],
+        plans=[[plan or patient.plan]],
         truths=truths,
         covariates=[patient.covariates],
         device="cpu",
         threads=1,
-        predictions=predictions,
+        predictions=[predictions],
     )

@@ -79,4 +79,4 @@ def test_other_metrics_judge_anew_what_has_been_predicted(patient, tmp_path, cap
         predict_cases({"models": [patient.model], **unread}, method, judged, motions)
         assert [pd.read_csv(made["metrics"])["code"].item() for _, made in motions] == [code, code]
     kept = [record.getMessage() for record in caplog.records if record.getMessage().endswith("kept")]
-    assert kept == ["predict predictions_0: kept", "predict predictions_1: kept"]
+    assert kept == ["predict predictions_0 predictions_1: kept"]

@@ -120,12 +120,12 @@ class Fold:
             cases=[one.case],
             models=[self.model(method)],
             lifts=self.lift(one, method),
-            plans=[self.motion(method)],
+            plans=[[self.motion(method)]],
             truths=[one.truth] if entry.truth == "field" else [],
             covariates=self.known(one, method),
             device="cpu",
             threads=1,
-            predictions=predictions,
+            predictions=[predictions],
         )
         return predictions
 

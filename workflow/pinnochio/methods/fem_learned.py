@@ -1,8 +1,8 @@
 """Finite elements with sources: the bone's motion by mechanics, what it does not explain by loads that are learned."""
 
 import logging
+import weakref
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 
 import numpy as np
 
@@ -42,20 +42,18 @@ class LearnedLoadPredictor:
 
     def __call__(self, planned: Planned) -> Prediction:
         """Equilibrium under the plan and the learned loads; a solve that stops early is returned as such."""
-        patient, plan = planned.patient, planned.plan
-        with ExitStack() as stack:
+        plan = planned.plan
 
-            def prepare():
-                learned = PatientSources(self._learned, patient, self._fem, planned.covariates)
-                simulator = stack.enter_context(Simulator(patient, self._fem))
+        def prepare():
+            learned, simulator = planned.once(self._of_patient, planned)
 
-                def predict():
-                    forces = learned.sources.load(learned.amplitudes(plan))
-                    return forces, simulator.solve([plan], [forces])[0]
+            def predict():
+                forces = learned.sources.load(learned.amplitudes(plan))
+                return forces, simulator.solve([plan], [forces])[0]
 
-                return predict
+            return predict
 
-            (forces, result), seconds, setup = timed(prepare, planned.warm)
+        (forces, result), seconds, setup = timed(prepare, planned.warm)
         logging.info("%s: %s", planned.case, result.reason)
         return Prediction(
             result.displacement,
@@ -68,3 +66,9 @@ class LearnedLoadPredictor:
             load=result.fraction,
             forces=forces,
         )
+
+    def _of_patient(self, planned: Planned) -> tuple[PatientSources, Simulator]:
+        learned = PatientSources(self._learned, planned.patient, self._fem, planned.covariates)
+        simulator = Simulator(planned.patient, self._fem)
+        weakref.finalize(learned, simulator.close)
+        return learned, simulator

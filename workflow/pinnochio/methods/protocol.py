@@ -30,7 +30,7 @@ class Planned:
     _made: dict = field(default_factory=dict, compare=False)
 
     def once(self, make: Callable[..., Result], *arguments) -> Result:
-        """make(*arguments), called for the first of the folds' networks, which all make the same of a patient."""
+        """make(*arguments), made once for all that predict a patient, and for all of its plans."""
         if make not in self._made:
             self._made[make] = make(*arguments)
         return self._made[make]

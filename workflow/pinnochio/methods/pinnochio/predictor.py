@@ -42,12 +42,7 @@ class GraphPredictor:
         finish = planned.once(Finish, planned.patient, self._fem, self._corrections)
 
         def prepare():
-            sources, model = None, planned.patient
-            if self._learned:
-                tissue = planned.once(AnsweringTissue, model, self._fem)
-                sources = PatientSources(self._learned, model, self._fem, planned.covariates, tissue)
-            patient = planned.once(tensors, model, self._fem, self._settings, self._device, planned.lift)
-            network = PatientGraphNetwork(self.network, patient, sources)
+            network = planned.once(self._of_patient, planned)
 
             def predict():
                 raw = network(planned.plan)
@@ -70,6 +65,14 @@ class GraphPredictor:
             repaired=repair.elements,
             damping=repair.damping,
         )
+
+    def _of_patient(self, planned: Planned) -> "PatientGraphNetwork":
+        sources, model = None, planned.patient
+        if self._learned:
+            tissue = planned.once(AnsweringTissue, model, self._fem)
+            sources = PatientSources(self._learned, model, self._fem, planned.covariates, tissue)
+        patient = planned.once(tensors, model, self._fem, self._settings, self._device, planned.lift)
+        return PatientGraphNetwork(self.network, patient, sources)
 
 
 class RawField(NamedTuple):
