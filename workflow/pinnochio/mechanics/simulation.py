@@ -11,8 +11,8 @@ from scipy import sparse
 
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions, boundary_conditions
 from pinnochio.mechanics.boundary.loads import Loads
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.settings import EXACT, FemSettings
-from pinnochio.mechanics.solvers.inversion_repair import volume_ratios
 from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.newton import SolveResult, solve
@@ -132,5 +132,5 @@ class Simulator:
         if self._elastic is None:
             self._elastic = self._linear_elasticity(boundary, single=False)
         field = self._elastic.solve(boundary)
-        least = float(volume_ratios(self._patient.points, self._patient.cells, field).min())
+        least = float(jacobians(self._patient.points, self._patient.cells, field).min())
         return SolveResult.linear(field, least, time.perf_counter() - began)

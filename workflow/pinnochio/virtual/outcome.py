@@ -17,9 +17,10 @@ from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
 from pinnochio.mechanics.boundary.loads import Loads
 from pinnochio.mechanics.elements.materials import neo_hookean
+from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator
-from pinnochio.mechanics.solvers.inversion_repair import repair_inversions, volume_ratios
+from pinnochio.mechanics.solvers.inversion_repair import repair_inversions
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.tetrahedralize import tetrahedralize
@@ -315,8 +316,8 @@ def after(outcome: Outcome, changes: Changes, dials: Dials) -> Outcome:
 def admissible(points, cells, displacement, change) -> np.ndarray:
     """The change (n, 3) mm of a displacement, halved around elements as often as it takes to leave each of them a
     fifth of its volume ratio: at the bone some are so flat that no field of this kind suits them."""
-    change, floor = np.array(change), 0.2 * volume_ratios(points, cells, displacement)
-    while (flat := volume_ratios(points, cells, displacement + change) < floor).any():
+    change, floor = np.array(change), 0.2 * jacobians(points, cells, displacement)
+    while (flat := jacobians(points, cells, displacement + change) < floor).any():
         change[np.unique(cells[flat])] *= 0.5
     return change
 

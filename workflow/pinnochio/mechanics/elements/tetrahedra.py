@@ -175,9 +175,25 @@ def mean_edge(points, cells) -> float:
 
 def jacobians(points, cells, displacement) -> np.ndarray:
     """det F (m,) of every cell under a displacement (n, 3) mm."""
-    moved, rest = np.asarray(points, float) + displacement, np.asarray(points, float)
-    before, after = rest[cells[:, 1:]] - rest[cells[:, :1]], moved[cells[:, 1:]] - moved[cells[:, :1]]
-    return np.linalg.det(after) / np.linalg.det(before)
+    rest, ratios = np.asarray(points, float), np.empty(len(cells))
+    _ratios(rest, rest + displacement, np.asarray(cells), ratios)
+    return ratios
+
+
+@compiled
+def _ratios(rest, moved, cells, ratios):
+    for e in range(len(cells)):
+        ratios[e] = _volume(moved, cells[e]) / _volume(rest, cells[e])
+
+
+@compiled
+def _volume(x, cell):
+    """Six times the signed volume of a tetrahedron."""
+    a, b, c, d = cell
+    p0, p1, p2 = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+    q0, q1, q2 = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+    r0, r1, r2 = x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2]
+    return p0 * (q1 * r2 - q2 * r1) + p1 * (q2 * r0 - q0 * r2) + p2 * (q0 * r1 - q1 * r0)
 
 
 @compiled
