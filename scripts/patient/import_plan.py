@@ -46,15 +46,8 @@ def _checked_plan(case, source, bone, labels, label_values, limit, share, foreig
         from pinnochio.importing.segment_registration import check_fits, register_bones
 
         points, faces = read_postop_bones(source, case, surface.points, label_values)
-        cranium, fits = register_bones(
-            head=read_labels(labels),
-            segments=surface.segments,
-            plan=Plan(case, {}),
-            points=points,
-            faces=faces,
-            case=case,
-            file=source,
-        )
+        head = read_labels(labels)
+        cranium, fits = register_bones(head, surface.segments, Plan(case, {}), points, faces, case=case, file=source)
         for fit in (cranium, *fits):
             logging.info("%s: median %.3f mm, %.0f %% matched", fit.segment, fit.median, fit.matched)
         check_fits((cranium, *fits), limit=limit, share=share, case=case, file=source)

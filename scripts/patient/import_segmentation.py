@@ -59,9 +59,7 @@ def import_segmentation(
         labels, voxel, segments = head.labels, float(np.prod(head.spacing)), head.segments
         # As long as the bone takes, and of the border to the air alone, which a muscle layer leaves as it is.
         contoured = beside.submit(skin_surface, labels, head.spacing, head.origin)
-        bone = bone_surface(
-            labels=labels, spacing=head.spacing, origin=head.origin, segments=segments, edge_mm=bone_edge
-        )
+        bone = bone_surface(labels, head.spacing, head.origin, segments, bone_edge)
         labels, muscle = muscle_layer(
             labels=labels,
             spacing=head.spacing,
@@ -105,14 +103,8 @@ def _checked_head(
         head = read_segmentation(segmentation, case, label_values, segments, orientation, repair_limit)
         made = {"closed": head.closed} if head.closed else {}
         frame = check_anatomy(head.labels, head.spacing, head.segments, head.axes, case, segmentation)
-    labels, repairs = repair(
-        labels=head.labels,
-        segments=head.segments,
-        limit_percent=repair_limit,
-        case=case,
-        file=segmentation,
-        voxel=float(np.prod(head.spacing)),
-    )
+    voxel = float(np.prod(head.spacing))
+    labels, repairs = repair(head.labels, head.segments, repair_limit, case, segmentation, voxel)
     check_plausible(labels=labels, spacing=head.spacing, segments=head.segments, case=case, file=segmentation)
     odd = unlike_people(labels, head.spacing, head.segments)
     guessed = any(why.endswith(GUESS) for why in made.get("cuts", {}).values())

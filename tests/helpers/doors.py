@@ -13,7 +13,7 @@ from pinnochio.study.patients import read_patients
 from pinnochio.virtual.head import build_head
 from pinnochio.virtual.scanned import sample_patient
 from tests.helpers import tools
-from tests.helpers.dicom import save_series
+from tests.helpers.dicom import save_dicom_seg, save_frames, save_series
 from tests.helpers.judging import Tried
 
 SPACING = 3.5
@@ -130,6 +130,20 @@ def series(folder: Path, **changes):
     save_series(folder / "dicom", grey, np.eye(3), np.asarray(head.spacing), np.asarray(head.origin), **changes)
 
 
+def frames(folder: Path, **changes):
+    """Write the scan as one file of many frames."""
+    head, _, grey, _ = made()
+    save_frames(folder / "ct.dcm", grey, np.eye(3), np.asarray(head.spacing), np.asarray(head.origin), **changes)
+
+
+def dicom_seg(folder: Path):
+    """Write the label map as DICOM-SEG, with the tool's names."""
+    head, values, *_ = made()
+    masks = np.stack([values.transpose(2, 1, 0) == value for value in range(1, 6)], axis=-1)
+    grid = np.eye(3), np.asarray(head.spacing), np.asarray(head.origin)
+    save_dicom_seg(folder / "segmentation.dcm", masks, list(NAMES), *grid)
+
+
 def tilted(folder: Path):
     """Write the scan as slices of a gantry that was tilted by 15 degrees."""
     head, _, grey, _ = made()
@@ -193,6 +207,9 @@ def doors(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     yield good("a scan of two files", values=values, head=head, save=beside)
     yield good("a series of slices", values=values, head=head, save=series)
     yield good("a tilted gantry", values=values, head=head, save=tilted)
+    yield good("frames of one file", values=values, head=head, save=frames)
+    yield bad("missing frames", values=values, head=head, save=partial(frames, left_out=(20, 21)))
+    yield good("DICOM-SEG", **none, grey=grey, save=dicom_seg)
     yield bad("missing slices", values=values, head=head, save=partial(series, left_out=(20, 21)))
     for value in (-3024.0, -2000.0, 0.0):
         yield good(f"padding of {value:g}", grey=padded(value))

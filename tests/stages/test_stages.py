@@ -165,12 +165,7 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     common = {
         "learner": "pinnochio.methods.pinnochio.learner:GraphLearner",
         "settings": {"network": asdict(NETWORK), "pretraining": phase, "finetuning": phase, "fem": fem},
-        "cases": [two.case],
-        "models": [two.model],
-        "lifts": [],
-        "seed": SEED,
-        "code": "x",
-        "device": "cpu",
+        **{"cases": [two.case], "models": [two.model], "lifts": [], "seed": SEED, "code": "x", "device": "cpu"},
     }
     first = {"network": str(folder / "pretrained.pt"), "history": str(folder / "pretraining.csv")}
     pretrain(**common, fem_samples=[two.fem_samples], outputs=first)

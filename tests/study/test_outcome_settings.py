@@ -10,26 +10,14 @@ from tests.helpers.study import Project, jobs
 
 CHANGED = {
     "fem": {
-        "youngs_modulus": {"muscle": 7, "superficial": 5},
-        "poisson": 0.45,
-        "volumetric": "p1",
-        "increments": 3,
-        "tolerance": 1e-5,
-        "accuracy": 0.3,
-        "max_iterations": 20,
-        "max_systems": 200,
-        "linear_solver": "scipy",
-        "kept_factors": False,
+        **{"youngs_modulus": {"muscle": 7, "superficial": 5}, "poisson": 0.45, "volumetric": "p1"},
+        **{"increments": 3, "tolerance": 1e-5, "accuracy": 0.3, "max_iterations": 20, "max_systems": 200},
+        **{"linear_solver": "scipy", "kept_factors": False},
     },
     "mesh": {"nodes": 1600, "minimum_dihedral": 10, "bone_edge": 7},
     "interfaces": {name: value + 1 for name, value in CONFIG["interfaces"].items()},
     "network": {
-        "boundary_layers": 1,
-        "volume_layers": 2,
-        "rest_layers": 1,
-        "channels": 48,
-        "heads": 2,
-        "neighbours": 4,
+        **{"boundary_layers": 1, "volume_layers": 2, "rest_layers": 1, "channels": 48, "heads": 2, "neighbours": 4}
     },
 }
 

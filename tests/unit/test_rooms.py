@@ -10,24 +10,8 @@ from tests.helpers.sources import imported
 
 LIBRARY = ROOT / "workflow/pinnochio"
 # From the bottom to the top; rooms of one line do not import each other. The modules at the root stand below all.
-ORDER = (
-    {"geometry"},
-    {"plans"},
-    {"model"},
-    {"importing", "mechanics"},
-    {"meshing"},
-    {"networks"},
-    {"training"},
-    {"methods"},
-    {"metrics"},
-    {"statistics"},
-    {"tables"},
-    {"figures"},
-    {"virtual"},
-    {"patients"},
-    {"report"},
-    {"study"},
-)
+_LINES = "geometry, plans, model, importing mechanics, meshing, networks, training, methods, metrics, statistics"
+ORDER = [set(line.split()) for line in f"{_LINES}, tables, figures, virtual, patients, report, study".split(", ")]
 FLOOR = {room: number for number, rooms in enumerate(ORDER, 1) for room in rooms}
 MODULES = sorted(path for path in LIBRARY.rglob("*.py") if path.name != "__init__.py")
 

@@ -153,8 +153,6 @@ def scan_in(path, scale=1.0, poison=None):
 BAD_SCAN = {
     "micrometres": (lambda p: scan_in(p, 1e3), "1e.03 times the size", "millimetres, centimetres or metres"),
     "inches": (lambda p: scan_in(p, 1 / 25.4), "0.0394 times the size", "millimetres, centimetres or metres"),
-    "tiny": (lambda p: scan_in(p, 0.01), "0.01 times the size", "millimetres, centimetres or metres"),
-    "huge": (lambda p: scan_in(p, 20), "20 times the size", "millimetres"),
     "nan": (lambda p: scan_in(p, 1, np.nan), "not finite", "remove these"),
     "empty": (lambda p: p.write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
                                      "property float z\nend_header\n"), "header counts", "export"),

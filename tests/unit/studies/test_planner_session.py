@@ -205,19 +205,9 @@ def test_what_is_prepared_reads_back_and_a_missing_file_is_said(tmp_path):
         (tmp_path / name).touch()
     files = {name: str(tmp_path / file) for name, file in names.items()}
     plans = {"a": str(tmp_path / "plan.json")}
-    prepared = Prepared(
-        "tiny",
-        lift=None,
-        plans=plans,
-        home="h",
-        archive=str(tmp_path),
-        method="m",
-        corrections=1,
-        fem={},
-        invert={},
-        scan={},
-        **files,
-    )
+    empty = {name: {} for name in ("fem", "invert", "scan")}
+    files |= empty | {"home": "h", "archive": str(tmp_path), "method": "m"}
+    prepared = Prepared("tiny", lift=None, plans=plans, corrections=1, **files)
     prepared.write(tmp_path / "planner.json")
     assert asdict(Prepared.read(tmp_path / "planner.json")) == asdict(prepared)
     (tmp_path / "plan.json").unlink()

@@ -1,4 +1,4 @@
-"""A scan as DICOM: a folder with the slices of one series."""
+"""A scan as DICOM: a folder with the slices of one series, or with one file that holds them all."""
 
 import logging
 import os
@@ -15,7 +15,7 @@ UNEVEN = 0.03  # of the distance of two slices by which another may differ
 TILTED = 0.2  # degrees between the way of the slices and their normal from which they are resampled
 AGAIN = "copy the whole series again from where it comes from"
 WORDS = ("SeriesInstanceUID", "SeriesDescription", "ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing")
-WORDS += ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel", "ImageType", "SOPInstanceUID")
+WORDS += ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel", "ImageType", "Modality", "NumberOfFrames")
 
 
 def read_series(path: str | os.PathLike, refuse: Refuse) -> sitk.Image:
@@ -34,9 +34,10 @@ def read_series(path: str | os.PathLike, refuse: Refuse) -> sitk.Image:
             head = pydicom.dcmread(file, stop_before_pixels=True, specific_tags=list(WORDS))
         except (OSError, pydicom.errors.InvalidDicomError):
             continue
-        if "ImagePositionPatient" in head and "LOCALIZER" not in head.get("ImageType", ()):
+        frames = int(head.get("NumberOfFrames") or 1) > 1 and head.get("Modality") != "SEG"
+        if (frames or "ImagePositionPatient" in head) and "LOCALIZER" not in head.get("ImageType", ()):
             series.setdefault(str(head.SeriesInstanceUID), []).append((file, head))
-    whole = [slices for slices in series.values() if len(slices) >= FEWEST]
+    whole = [one for one in series.values() if sum(int(head.get("NumberOfFrames") or 1) for _, head in one) >= FEWEST]
     if len(whole) != 1:
         listed = [f"{slices[0][1].get('SeriesDescription') or 'no name'} ({len(slices)})" for slices in whole]
         held = ", ".join(listed[:8]) or "none of " + f"{FEWEST} slices or more"
@@ -44,7 +45,28 @@ def read_series(path: str | os.PathLike, refuse: Refuse) -> sitk.Image:
             f"it holds {len(whole)} series of a scan: {held}",
             "keep all slices of the one that was segmented, in a folder",
         )
-    return _of_slices(whole[0], refuse)
+    return _of_slices(whole[0], refuse) if len(whole[0]) > 1 else _of_frames(whole[0][0][0], refuse)
+
+
+def _of_frames(file: Path, refuse: Refuse) -> sitk.Image:
+    """The volume of a file of many frames, in whatever order they lie."""
+    import highdicom
+
+    try:
+        volume = highdicom.imread(file).get_volume(dtype=np.float32)
+    except Exception as error:  # pydicom and highdicom raise what they like
+        refuse(f"its frames are no evenly spaced volume ({error})", AGAIN)
+    return placed(sitk.GetImageFromArray(volume.array), volume.affine)
+
+
+def placed(image: sitk.Image, affine: np.ndarray) -> sitk.Image:
+    """The image where an affine (4, 4) of highdicom has it, LPS mm."""
+    steps = affine[:3, 2::-1]  # highdicom counts slice, row, column; ITK counts column, row, slice
+    lengths = np.linalg.norm(steps, axis=0)
+    image.SetSpacing(lengths.tolist())
+    image.SetDirection((steps / lengths).ravel().tolist())
+    image.SetOrigin(affine[:3, 3].tolist())
+    return image
 
 
 def _of_slices(slices: list, refuse: Refuse) -> sitk.Image:

@@ -209,7 +209,8 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
             f"left and right are exchanged: {wrong[0][0]!r} lies to the right of {wrong[0][1]!r}",
             "correct the header, or set 'orientation' to where the voxel axes really point",
         )
-    return values, grid, axes, bool(pairs), closed_by, len(boxes) > 1
+    cropped = len(boxes) > 1 or str(path).lower().endswith(".dcm")  # a DICOM-SEG leaves out slices without labels
+    return values, grid, axes, bool(pairs), closed_by, cropped
 
 
 def bone_parts(path: str | os.PathLike, preset: str, refuse) -> Iterator[tuple[sitk.Image, np.ndarray]]:

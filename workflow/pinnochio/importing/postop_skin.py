@@ -57,14 +57,5 @@ def registered_skin(
         fit = measured(cranium.motion.back, certainty, *surfaces, plane, surface, **by)
     else:
         fit = register(points, faces, skin_points, skin_faces, plane, bone=surface, **by)
-    check_scan(
-        points=points,
-        faces=faces,
-        skin_points=skin_points,
-        skin_faces=skin_faces,
-        plane=plane,
-        registration=fit,
-        case=case,
-        file=postop,
-    )
+    check_scan(points, faces, skin_points, skin_faces, plane, fit, case=case, file=postop)
     return fit, points, faces

@@ -11,6 +11,7 @@ import SimpleITK as sitk
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.closed_surfaces import read_closed_surface, surface_files, voxelised
+from pinnochio.importing.dicom_series import placed
 from pinnochio.importing.images import AGAIN, check_places, read_volume
 
 LOG = logging.getLogger(__name__)
@@ -119,14 +120,9 @@ def _read_dicom(path: str | os.PathLike, refuse: Refuse) -> tuple[sitk.Image, li
         if geometry is None:
             refuse("its frames are no evenly spaced stack", "export it on the grid of an axial scan without gaps")
         names = {number: stored.get_segment_description(number).segment_label for number in stored.segment_numbers}
-        # highdicom counts slice, row, column; ITK counts column, row, slice.
-        steps, origin = geometry.affine[:3, 2::-1], geometry.affine[:3, 3]
-        lengths = np.linalg.norm(steps, axis=0)
-        check_places([*lengths, *origin, *(steps / lengths).ravel()], lengths, refuse)
         image = sitk.Image([int(n) for n in geometry.spatial_shape[::-1]], sitk.sitkUInt8)
-        image.SetSpacing(lengths.tolist())
-        image.SetDirection((steps / lengths).ravel().tolist())
-        image.SetOrigin(origin.tolist())
+        image = placed(image, geometry.affine)
+        check_places([*image.GetOrigin(), *image.GetDirection()], image.GetSpacing(), refuse)
         return image, [Segment(name, number, _voxels(stored, number, refuse)) for number, name in names.items()]
     except InputError:
         raise
