@@ -97,16 +97,9 @@ def second_nifti(folder: Path):
     old = plain.read_bytes()
     plain.unlink()
     new = bytearray(544)
-    for place, kind, at, source in (
-        (12, "2h", 70, "2h"),
-        (16, "8q", 40, "8h"),
-        (104, "8d", 76, "8f"),
-        (176, "2d", 112, "2f"),
-        (344, "2i", 252, "2h"),
-        (352, "6d", 256, "6f"),
-        (400, "12d", 280, "12f"),
-    ):
-        struct.pack_into("<" + kind, new, place, *struct.unpack_from("<" + source, old, at))
+    moves = "12 2h 70 2h, 16 8q 40 8h, 104 8d 76 8f, 176 2d 112 2f, 344 2i 252 2h, 352 6d 256 6f, 400 12d 280 12f"
+    for place, kind, at, source in (move.split() for move in moves.split(", ")):
+        struct.pack_into("<" + kind, new, int(place), *struct.unpack_from("<" + source, old, int(at)))
     struct.pack_into("<i8s", new, 0, 540, b"n+2\0\r\n\x1a\n")
     struct.pack_into("<q", new, 168, 544)
     (start,) = struct.unpack_from("<f", old, 108)

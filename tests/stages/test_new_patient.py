@@ -27,6 +27,7 @@ from scripts.patients.export_prediction import export_prediction
 from scripts.patients.pack import pack
 from scripts.patients.predict_plan import predict_plan
 from scripts.patients.show_prediction import show_prediction
+from tests.helpers.browser import DRIVEN, chromium, uncaught
 from tests.helpers.settings import CONFIG, SEGMENTS
 
 METHOD = "pinnochio_plus"
@@ -180,10 +181,16 @@ def test_a_method_without_training_has_neither_interval_nor_likeness(patient, ar
     assert said["measures"]["eqres_rel"] == 0 and "No interval is calibrated" in str(in_words(said))
 
 
-def test_the_page_is_one_file_that_needs_nothing_else(patient, archive, result, tmp_path):
-    certified(patient, archive, result, tmp_path)
-    files = [str(tmp_path / name) for name in ("certificate.json", "measures.csv", "index.html")]
+def shown(patient, archive, result, folder) -> list[str]:
+    """Certificate, measures and page of a result."""
+    certified(patient, archive, result, folder)
+    files = [str(folder / name) for name in ("certificate.json", "measures.csv", "index.html")]
     show_prediction(patient.case, patient.model, patient.plan, result, *files)
+    return files
+
+
+def test_the_page_is_one_file_that_needs_nothing_else(patient, archive, result, tmp_path):
+    files = shown(patient, archive, result, tmp_path)
     page = Path(files[2]).read_text()
     sources = re.findall(r'(?:src|href)="(.{0,30})', page)
     assert all(source.startswith("data:") for source in sources)
@@ -199,6 +206,24 @@ def test_the_page_is_one_file_that_needs_nothing_else(patient, archive, result, 
     assert table.loc["pogonion_forward", "change"] == 2  # all goes forward, so nothing to anything else
     assert table.loc[["pog_forward", "nasolabial", "upper_lip_e_line", "pogonion_up"], "change"].tolist() == [0] * 4
     assert words.index("Boundary mismatch, moving: ") < words.index("<h2>")  # why not, before all else
+
+
+@DRIVEN[0]
+@DRIVEN[1]
+def test_the_page_shows_its_profile_on_a_small_laptop_and_a_phone(patient, archive, result, tmp_path):
+    files = shown(patient, archive, result, tmp_path)
+    with chromium() as browser:
+        for width, height in ((1280, 720), (390, 844)):
+            page = browser.new_page(viewport={"width": width, "height": height})
+            wrong = uncaught(page)
+            page.goto(Path(files[2]).as_uri())
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            drawn, lines = page.locator(".profile svg"), page.locator(".profile svg path")
+            box = drawn.bounding_box()
+            assert box["x"] >= 0 and box["x"] + box["width"] <= width and box["height"] > 300
+            assert lines.count() > 10 and "skin predicted" in drawn.text_content() and not wrong
+            rows = page.locator(".profile tr", has_text="Overjet").locator("td").all_inner_texts()
+            assert len(rows) == 4 and page.locator("tr", has_text="Lips that cross").count() == 1
 
 
 def test_a_solve_that_stopped_is_not_usable_and_says_how_far_it_came(patient, archive, tmp_path):

@@ -41,16 +41,9 @@ def project(tmp_path):
 def typed(block, project):
     """Type a block of the page in a shell, in the project with its environment active."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    done = subprocess.run(
-        ["bash", "-euc", block],
-        cwd=project.folder,
-        env=os.environ | {"PATH": path},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-4000:]
+    settings = {"cwd": project.folder, "env": os.environ | {"PATH": path}, "capture_output": True, "text": True}
+    done = subprocess.run(["bash", "-euc", block], **settings, check=False)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
 
 
 def test_a_virtual_head_is_predicted_by_the_commands_of_the_page(project):
