@@ -46,10 +46,10 @@ report figures: env
 	$(SNAKEMAKE) $@ $(OF)
 
 # make predict PATIENT=FOLDER: the face that follows each plan of a patient, by models that exist, on the mesh that they
-# were trained on whatever study was run before. MODELS: an archive elsewhere.
+# were trained on whatever study was run before. MODELS: an archive elsewhere. A table of many: snakemake predict.
 predict: env
 	@test -n "$$PATIENT" || { echo "Name the patient: make predict PATIENT=FOLDER"; exit 1; }
-	$(SNAKEMAKE) predict $(addprefix --configfile ,$(CONFIG)) --config "patient=$$PATIENT" $(if $(MODELS),"models=$$MODELS")
+	$(BIN)/python workflow/predict.py "patient=$$PATIENT" $(if $(MODELS),"models=$$MODELS") $(addprefix --configfile ,$(CONFIG))
 
 # make planner PATIENT=FOLDER: prepares the patient, then opens a page on this machine to try plans on. MODELS: an
 # archive elsewhere; PLANNER: options of workflow/plan.py.

@@ -70,7 +70,7 @@ rule pack:
             "folds": list(STUDY.folds.held_out),
             "settings": {name: config[name] for name in READ_BY_NETWORKS},
             "configuration": INPUTS.patients.configuration,
-            "code": PREDICTS,
+            "code": INPUTS.patients.predicts,
         },
         calibrated=INPUTS.patients.packed_intervals,
         methods={
@@ -133,8 +133,6 @@ rule predict_plan:
             kind=["vtp", "ply", "stl"],
             allow_missing=True,
         ),
-        # One file per bone of the patient, which its segmentation tells.
-        bones=directory("<results>/{home}/{case}{plan}/{method}/bones"),
     log:
         "<logs>/predict_plan/{home}/{case}{plan}_{method}.log",
     benchmark:
@@ -158,7 +156,7 @@ rule predict_plan:
         fem=INPUTS.patient.setting("fem"),
         corrections=lambda wildcards: STUDY.choice.corrections,
         archive=lambda wildcards: STUDY.choice.folder,
-        predicts=PREDICTS,
+        predicts=INPUTS.patients.predicts,
         code=code_with_method("scripts.patients.predict_plan"),
     message:
         "Predict {wildcards.case}{wildcards.plan}"

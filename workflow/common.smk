@@ -85,10 +85,7 @@ with plainly():
             f"{config['folds']}."
         )
     if workflow.is_main_process and STUDY.choice and STUDY.choice.archive:
-        logger.info(
-            f"Models: {STUDY.choice.folder}, trained on {STUDY.choice.archive.patients} patients "
-            f"({STUDY.choice.archive.cohort})."
-        )
+        logger.info(STUDY.choice.in_words)
 
     if workflow.is_main_process:
         for odd in oddities(STUDY.new_patients.values()):
@@ -151,14 +148,6 @@ def listed(files):
 def code_with_method(script, reference=INPUTS.prediction.predictor):
     """Params function: the same with a module of the job's method, which the script imports by its name."""
     return lambda wildcards: code_of(script, reference(wildcards))
-
-
-# Of what predicts a new patient, for archive and certificate.
-PREDICTS = code_of(
-    "scripts.patient.import_segmentation",
-    "scripts.patient.label_interfaces",
-    "scripts.prediction.predict",
-)
 
 
 CONSOLE = None

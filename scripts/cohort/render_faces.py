@@ -32,9 +32,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     render_faces(
         cases=snakemake.params.cases,
-        segmentations=snakemake.input.segmentations,
-        anatomies=snakemake.input.anatomies,
-        truths=snakemake.input.truths,
+        **dict(snakemake.input.items()),
         label_values=snakemake.params.labels,
         segments=tuple(snakemake.params.segments),
         sheet=snakemake.output.sheet,

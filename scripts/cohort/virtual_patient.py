@@ -1,13 +1,10 @@
 """Makes a virtual patient of its seed: segmentation, the plan that treats its deformity, and what is known of it."""
 
-import json
-
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
 from pinnochio.importing.segmentation import write_segmentation
-from pinnochio.json_text import read_stored_json
+from pinnochio.json_text import read_stored_json, write_json
 from pinnochio.logs import attach_log
 from pinnochio.model.labels import AIR, internal_codes
 from pinnochio.seeds import generator
@@ -52,8 +49,7 @@ def virtual_patient(
     plan.write(outputs["plan"])
     landmarks = {name: np.round(place, 3).tolist() for name, place in head.landmarks.items()}
     for name, content in (("landmarks", landmarks), ("anatomy", {"case": case} | describe(head, plan))):
-        with replacing(outputs[name]) as temporary:
-            temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(outputs[name], content, allow_nan=False)
 
 
 def draw_covariates(case: str, anatomy: str, reality: str, seed: int, covariates: str) -> None:

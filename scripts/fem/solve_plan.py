@@ -1,12 +1,11 @@
 """Makes the finite-element field of a patient's own plan, its summary and a picture."""
 
-import json
-
 import meshio
 import numpy as np
 
 from pinnochio.figures.patient import field_picture
 from pinnochio.files import replacing
+from pinnochio.json_text import write_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.settings import FemSettings
@@ -51,19 +50,15 @@ def solve_plan(
         "increments": result.increments,
         "iterations": result.iterations,
     }
-    with replacing(summary) as temporary:
-        temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    write_json(summary, report)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     solve_plan(
         case=snakemake.wildcards.case,
-        model=snakemake.input.model,
-        plan=snakemake.input.plan,
+        **dict(snakemake.input.items()),
         arm=snakemake.wildcards.arm,
         settings=FemSettings(**snakemake.params.fem),
-        field=snakemake.output.field,
-        summary=snakemake.output.summary,
-        picture=snakemake.output.picture,
+        **dict(snakemake.output.items()),
     )

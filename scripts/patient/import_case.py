@@ -40,17 +40,22 @@ def import_case(
             stages(import_plan, read, {"plan": outputs["plan"]}, {"case": case, **plan})
 
 
+def settings_of(params: Mapping) -> dict[str, dict]:
+    """Settings of scan and plan for :func:`import_case`, of a rule's params or of values by the same names."""
+    scan = {name: params[name] for name in ("orientation", "unlabelled_muscle", "bone_edge", "cuts", "accept")}
+    scan |= {"segments": tuple(params["segments"]), "repair_limit": params["repair"]["limit"]}
+    plan = {name: params[name] for name in ("limit", "share", "foreign")}
+    return {name: {"label_values": params["labels"], **values} for name, values in {"scan": scan, "plan": plan}.items()}
+
+
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     params, files = snakemake.params, dict(snakemake.input.items())
-    scan = {name: params[name] for name in ("orientation", "unlabelled_muscle", "bone_edge", "cuts", "accept")}
     import_case(
         case=snakemake.wildcards.case,
         files=files | {"volume": files.get("volume") or None, "markups": list(files.get("markups", []))},
         outputs=dict(snakemake.output.items()),
-        scan=scan
-        | {"label_values": params.labels, "segments": tuple(params.segments), "repair_limit": params.repair["limit"]},
-        plan={"label_values": params.labels} | {name: params[name] for name in ("limit", "share", "foreign")},
+        **settings_of(params=params),
         known=params.get("known"),
         # One of each rule: those of a new patient run side by side.
         record=Path(snakemake.output[0]).with_name(f".{snakemake.rule}.json"),

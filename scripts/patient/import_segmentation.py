@@ -1,6 +1,5 @@
 """Makes repaired and checked labels, bone and skin surfaces in LPS mm of a patient's segmentation."""
 
-import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -9,7 +8,6 @@ from multiprocessing import get_context
 import numpy as np
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
 from pinnochio.importing.anatomy import AS_IT_SHOULD_BE, check_anatomy
 from pinnochio.importing.head_parts import read_head_parts
 from pinnochio.importing.markups import read_markups
@@ -20,6 +18,7 @@ from pinnochio.importing.presets import LOWER_TEETH, UPPER_TEETH
 from pinnochio.importing.registration import upper_face_plane
 from pinnochio.importing.repair import repair
 from pinnochio.importing.segmentation import Segmentation, read_segmentation, write_segmentation
+from pinnochio.json_text import write_json
 from pinnochio.logs import collected
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
@@ -86,8 +85,7 @@ def import_segmentation(
     write_segmentation(labels=labels, spacing=head.spacing, origin=head.origin, path=outputs["labels"])
     bone.write(outputs["bone"])
     write_surface(*contoured.result(), outputs["skin"])
-    with replacing(outputs["report"]) as temporary:
-        temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    write_json(outputs["report"], report)
 
 
 def _checked_head(

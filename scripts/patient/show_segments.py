@@ -14,8 +14,6 @@ def show_segments(bone: str, skin: str, report: str, picture: str) -> None:
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     show_segments(
-        bone=snakemake.input.bone,
-        skin=snakemake.input.skin,
-        report=snakemake.input.report,
+        **dict(snakemake.input.items()),
         picture=snakemake.output.picture,
     )

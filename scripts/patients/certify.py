@@ -1,27 +1,24 @@
 """Makes the certificate of a new patient's prediction."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from pinnochio.files import replacing
-from pinnochio.json_text import read_stored_json
+from pinnochio.json_text import read_stored_json, write_json
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.elastic import linear_field
 from pinnochio.metrics.worst_point import apart
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import (
     RESEARCH,
-    in_distribution,
     interval_measures,
     measures,
     of_import,
     plain,
     verdict,
 )
-from pinnochio.patients.in_distribution import Ranges, widening
-from pinnochio.patients.model_archive import RANGES, Archive, calibration_file
+from pinnochio.patients.in_distribution import widening
+from pinnochio.patients.model_archive import Archive, calibration_file
 from pinnochio.patients.result import read_result, read_solution
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration
@@ -35,17 +32,17 @@ def certify(
     result: str,
     fem: FemSettings,
     folder: str | None,
+    compared: Mapping | None,
     certificate: str,
 ) -> None:
     """Write the certificate as JSON.
 
     about: case, plan (its name), method, corrections, code, and the method whose place it takes (`instead_of`), if any.
-    folder: the archive of a learned method, else None.
+    folder: the archive of a learned method, else None; compared: how patient and plan lie to its training.
     """
     patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])
     prediction = read_result(result, about["case"], patient)
     solution = read_solution(result, about["case"])
-    imported = read_stored_json(quality)
     content = {
         "research": RESEARCH,
         **about,
@@ -56,8 +53,8 @@ def certify(
         "measures": measures(patient, planned, prediction.displacement, fem, prediction.forces)
         | {"apart_mm": from_elasticity(patient, planned, prediction.displacement, fem)},
         "interval": None,
-        "in_distribution": None,
-        "import": of_import(imported, planned.warnings),
+        "in_distribution": compared,
+        "import": of_import(read_stored_json(quality), planned.warnings),
     }
     if folder:
         archive, calibration = Archive.read(folder), Calibration.read(Path(folder) / calibration_file(about["method"]))
@@ -66,14 +63,10 @@ def certify(
             "folds": len(archive.folds),
             "usual": archive.methods.get(about["method"], {"usual": {}})["usual"],
         }
-        content["in_distribution"] = in_distribution(
-            patient=patient, plan=planned, quality=imported, ranges=Ranges.read(Path(folder) / RANGES)
-        )
-        content["interval"] = interval_measures(prediction, calibration, widening(content["in_distribution"]))
+        content["interval"] = interval_measures(prediction, calibration, widening(compared))
     content = plain(content)
     content["verdict"] = verdict(content)._asdict()
-    with replacing(certificate) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_json(certificate, content)
 
 
 def from_elasticity(patient: PatientModel, plan: Plan, displacement, fem: FemSettings) -> float:

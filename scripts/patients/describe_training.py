@@ -33,8 +33,6 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     describe_training(
         cases=snakemake.params.cases,
-        models=snakemake.input.models,
-        plans=snakemake.input.plans,
-        qualities=snakemake.input.qualities,
+        **dict(snakemake.input.items()),
         ranges=snakemake.output.ranges,
     )

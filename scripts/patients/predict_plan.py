@@ -8,7 +8,7 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import in_distribution
-from pinnochio.patients.in_distribution import Ranges
+from pinnochio.patients.in_distribution import Ranges, widening
 from pinnochio.patients.model_archive import FALLBACK, RANGES, calibration_file
 from pinnochio.plans.plan import Plan
 from pinnochio.stages import Stages
@@ -31,7 +31,7 @@ def predict_plan(
     covariates: Sequence[str],
     archive: str | None,
     fallback: Mapping[str, object],
-    outputs: Mapping[str, str],
+    outputs: Mapping[str, str | Sequence[str]],
 ) -> None:
     """Run the stages one after another: prediction (with its interval, of networks), certificate, page, files.
 
@@ -41,16 +41,13 @@ def predict_plan(
     about: as :func:`~scripts.patients.certify.certify` takes it; planned: files model and plan; method: predictor, its
     settings, device and threads; networks: file by fold, none of a method that learns nothing; archive: folder of the
     networks' archive; fallback: predictor and settings of FALLBACK; outputs: files result, certificate, measures, page,
-    mesh, and of networks ensemble.
+    mesh and skin (several), folder bones, and of networks ensemble.
     """
     case, result = about["case"], outputs["result"]
-    named, ranges = {"case": case}, {"quality": quality, "ranges": str(Path(archive or "") / RANGES)}
-    names = list(networks) or [case]
-    if (
-        networks
-        and (Path(archive) / calibration_file(FALLBACK)).is_file()
-        and not like_training(case, **planned, **ranges)
-    ):
+    named, names, compared = {"case": case}, list(networks) or [case], None
+    if archive:
+        compared = compare(case, **planned, quality=quality, ranges=str(Path(archive) / RANGES))
+    if networks and (Path(archive) / calibration_file(FALLBACK)).is_file() and not compared["within"]:
         about = dict(about) | {"method": FALLBACK, "instead_of": about["method"], "corrections": 0}
         method, names, networks, lifts, covariates = {**method, **fallback}, [FALLBACK], {}, [], []
     with Stages(Path(result).with_name(".predict_plan.json")) as stages:
@@ -60,20 +57,22 @@ def predict_plan(
         stages(predict, read, made, {"names": names, "cases": [case], "warm": False, **method})
         if archive:
             calibration = str(Path(archive) / calibration_file(about["method"]))
-            read = {**planned, **ranges, "ensemble": outputs["ensemble"], "calibration": calibration}
-            stages(predict_interval, read, {"result": result}, {**named, "fem": fem})
+            read = {"model": planned["model"], "ensemble": outputs["ensemble"], "calibration": calibration}
+            settings = {**named, "fem": fem, "widening": widening(compared)}
+            stages(predict_interval, read, {"result": result}, settings)
         read = {**planned, "quality": quality, "result": result, "folder": archive}
         certificate = {"certificate": outputs["certificate"]}
-        stages(certify, read, certificate, {"about": about, "fem": fem})
+        stages(certify, read, certificate, {"about": about, "fem": fem, "compared": compared})
         shown = {name: outputs[name] for name in ("measures", "page")}
         stages(show_prediction, {**planned, **certificate, "result": result}, shown, named)
-        export_prediction(case=case, **planned, result=result, folder=str(Path(outputs["mesh"]).parent))
+        made = {name: outputs[name] for name in ("mesh", "skin", "bones")}
+        stages(export_prediction, {**planned, "result": result}, made, named)
 
 
-def like_training(case: str, model: str, plan: str, quality: str, ranges: str) -> bool:
-    """Whether patient and plan are like those of the training."""
+def compare(case: str, model: str, plan: str, quality: str, ranges: str) -> dict:
+    """How patient and plan lie to those of the training, as :func:`in_distribution` says it."""
     patient, planned, known = PatientModel.read(model), Plan.read(plan, case), Ranges.read(ranges)
-    return in_distribution(patient, planned, read_stored_json(quality), known)["within"]
+    return in_distribution(patient, planned, read_stored_json(quality), known)
 
 
 if __name__ == "__main__":
@@ -93,5 +92,6 @@ if __name__ == "__main__":
         covariates=files.covariates,
         archive=params.archive,
         fallback=params.fallback,
-        outputs=dict(snakemake.output.items()),
+        # One file per bone of the patient, which its segmentation tells.
+        outputs=dict(snakemake.output.items()) | {"bones": str(Path(snakemake.output.mesh).with_name("bones"))},
     )

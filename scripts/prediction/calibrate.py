@@ -85,6 +85,5 @@ if __name__ == "__main__":
         method=snakemake.wildcards.method,
         level=snakemake.params.level,
         seed=snakemake.params.seed,
-        calibration=snakemake.output.calibration,
-        table=snakemake.output.table,
+        **dict(snakemake.output.items()),
     )

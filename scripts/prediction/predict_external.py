@@ -20,7 +20,6 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_external(
         cases=snakemake.params.cases,
-        files=snakemake.input.files,
-        meshes=snakemake.input.meshes,
+        **dict(snakemake.input.items()),
         predictions=snakemake.output.predictions,
     )

@@ -111,6 +111,5 @@ if __name__ == "__main__":
         **judged["files"],
         **judged["settings"],
         predictions=snakemake.input.predictions,
-        metrics=snakemake.output.metrics,
-        skins=snakemake.output.skins,
+        **dict(snakemake.output.items()),
     )

@@ -1,6 +1,5 @@
 """Makes the record of what made the results: configuration, versions, code, commit, machine."""
 
-import json
 import os
 import platform
 import subprocess
@@ -9,7 +8,7 @@ from datetime import UTC, datetime
 from importlib.metadata import distributions
 
 from pinnochio.code import ROOT, code_hash, stages
-from pinnochio.files import replacing
+from pinnochio.json_text import write_json
 from pinnochio.logs import attach_log
 
 
@@ -32,8 +31,7 @@ def provenance(config: dict, code: str, output: str) -> None:
             "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
         },
     }
-    with replacing(output) as temporary:
-        temporary.write_text(json.dumps(record, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    write_json(output, record, sort_keys=True)
 
 
 def processor() -> str:

@@ -54,6 +54,5 @@ if __name__ == "__main__":
         plan=snakemake.input.plan,
         postop=snakemake.input.postop,
         predictions=dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
-        picture=snakemake.output.picture,
-        view=snakemake.output.view,
+        **dict(snakemake.output.items()),
     )

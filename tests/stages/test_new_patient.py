@@ -25,7 +25,7 @@ from pinnochio.statistics.intervals import Calibration, Interval
 from scripts.patients.certify import certify
 from scripts.patients.export_prediction import export_prediction
 from scripts.patients.pack import pack
-from scripts.patients.predict_plan import predict_plan
+from scripts.patients.predict_plan import compare, predict_plan
 from scripts.patients.show_prediction import show_prediction
 from tests.helpers.browser import DRIVEN, chromium, uncaught
 from tests.helpers.settings import CONFIG, SEGMENTS
@@ -65,11 +65,19 @@ def result(patient, tmp_path_factory):
     return str(path)
 
 
+def exported(folder):
+    """Where the files go that a prediction hands over."""
+    skin = [str(folder / f"skin.{kind}") for kind in ("vtp", "ply", "stl")]
+    return {"mesh": str(folder / "deformed.vtu"), "skin": skin, "bones": str(folder / "bones")}
+
+
 def certified(patient, archive, result, folder, plan=None, learned=True):
     about = {"case": patient.case, "plan": "first", "corrections": 1, "code": "def"}
     about["method"] = METHOD if learned else "fem_sliding"
     packed, path = str(archive[0]) if learned else None, folder / "certificate.json"
-    certify(about, patient.model, plan or patient.plan, archive[1][0], result, patient.fem, packed, str(path))
+    plan, quality = plan or patient.plan, archive[1][0]
+    compared = compare(patient.case, patient.model, plan, quality, f"{packed}/ranges.json") if packed else None
+    certify(about, patient.model, plan, quality, result, patient.fem, packed, compared, str(path))
     return json.loads(path.read_text())
 
 
@@ -86,7 +94,7 @@ def test_an_archive_holds_what_prediction_needs(archive):
 
 
 def test_the_files_of_a_prediction(patient, result, tmp_path):
-    export_prediction(patient.case, patient.model, patient.plan, result, str(tmp_path))
+    export_prediction(patient.case, patient.model, patient.plan, result, **exported(tmp_path))
     model = PatientModel.read(patient.model)
     names = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
     assert names == {"deformed.vtu", "skin.vtp", "skin.ply", "skin.stl", "bones/cranium.stl"} | {
@@ -130,7 +138,7 @@ def test_finite_elements_stand_in_for_networks_that_were_trained_on_others(patie
     (folder / "ranges.json").write_text(json.dumps(ranges))
     Archive.read(archive[0]).write(folder)
     names = {"result": "interval.h5", "ensemble": "ensemble.h5", "certificate": "certificate.json"}
-    names |= {"page": "index.html", "measures": "measures.csv", "mesh": "deformed.vtu"}
+    names |= {"page": "index.html", "measures": "measures.csv"}
     settings = {"fem": vars(patient.fem)}
 
     def predict():
@@ -153,7 +161,7 @@ def test_finite_elements_stand_in_for_networks_that_were_trained_on_others(patie
                 "predictor": "pinnochio.methods.finite_elements:FiniteElementPredictor",
                 "settings": settings | {"contact": "mucosa"},
             },
-            outputs={key: str(tmp_path / name) for key, name in names.items()},
+            outputs={key: str(tmp_path / name) for key, name in names.items()} | exported(tmp_path),
         )
 
     if alike:

@@ -7,9 +7,11 @@ from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.face_measures import FaceMeasures
+from pinnochio.patients.in_distribution import widening
 from pinnochio.patients.model_archive import RANGES, calibration_file, network_file
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Interval
+from scripts.patients.predict_plan import compare
 from scripts.prediction.predict_interval import predict_interval
 from studies.inverse.wish import Marks
 from studies.planner.forecast import Forecaster
@@ -34,8 +36,8 @@ def test_a_forecast_is_the_prediction_of_the_workflow(prepared, forecaster, pati
     predict_all(networks, prepared, ensemble, 1, plan, prepared.lift)
     calibration = f"{prepared.archive}/{calibration_file(METHOD)}"
     ranges = f"{prepared.archive}/{RANGES}"
-    about = prepared.case, prepared.model, plan, prepared.quality
-    predict_interval(*about, ensemble, calibration, ranges, patient.fem, result)
+    factor = widening(compare(prepared.case, prepared.model, plan, prepared.quality, ranges))
+    predict_interval(prepared.case, prepared.model, ensemble, calibration, factor, patient.fem, result)
     expected, forecast = Interval.read(result), forecaster(Plan.read(plan, prepared.case))
     # But for elements that are repaired, to the precision of that.
     np.testing.assert_allclose(forecast.interval.displacement, expected.displacement, atol=0.02)

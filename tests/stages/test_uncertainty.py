@@ -15,7 +15,9 @@ from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.model.regions import NAMES, NECK, OTHER, regions
+from pinnochio.patients.in_distribution import widening
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
+from scripts.patients.predict_plan import compare
 from scripts.prediction.calibrate import ScannedCase, calibrate
 from scripts.prediction.predict_interval import predict_interval
 from tests.helpers.settings import CONFIG, SEED, network_settings
@@ -40,8 +42,8 @@ def networks(tmp_path_factory):
 def predicted(patient, ensemble, calibration, training, result, plan=None):
     """The interval of the first patient."""
     ranges, (quality, *_) = training
-    about = patient.case, patient.model, plan or patient.plan, quality
-    predict_interval(*about, ensemble, calibration, ranges, patient.fem, result)
+    factor = widening(compare(patient.case, patient.model, plan or patient.plan, quality, ranges))
+    predict_interval(patient.case, patient.model, ensemble, calibration, factor, patient.fem, result)
 
 
 @pytest.fixture(scope="module")

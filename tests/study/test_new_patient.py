@@ -2,7 +2,10 @@
 
 import json
 import os
+import re
 import shutil
+import subprocess
+import sys
 
 import pytest
 
@@ -33,6 +36,19 @@ def clinic(packed, tmp_path_factory):
 
 def planned(project, *config):
     return project.planned("--config", "patient=P01", *config, "--", "predict")
+
+
+def at_once(project, *words) -> str:
+    """What the one process says that predicts without Snakemake, as `make predict` does."""
+    done = subprocess.run(
+        [sys.executable, "workflow/predict.py", *words],
+        cwd=project.folder,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-4000:]
+    return done.stdout
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +99,26 @@ def test_a_plan_that_is_added_later_shares_the_patient(clinic, predicted):
         assert counted["import_plan"] == counted["check_patient"] == 1 and not counted.keys() & {*SHARED, *TRAINING}
 
 
+def test_one_process_keeps_what_the_rules_made_and_they_what_it_made(clinic, predicted):
+    words, folder = (
+        ("patient=P01", "models=packed", "--configfile", "config/quick.yaml"),
+        clinic.folder / "results/quick",
+    )
+    said = at_once(clinic, *words).splitlines()[-1]
+    assert said.endswith(f"results/quick/patients/P01/plans_{METHOD}.html") and "extreme" in said
+    log = (folder / "logs/predict/P01.log").read_text()
+    made = re.findall(r"root: (\w+) .*: (?:kept|[\d.]+ s)$", log, re.M)
+    assert len(made) > 12 and set(re.findall(r"root: (\w+) .*: [\d.]+ s$", log, re.M)) <= {
+        "show_segments",
+        "show_quality",
+    }
+    shutil.rmtree(folder / f"patients/P01/treat/{METHOD}")
+    at_once(clinic, *words)
+    log = (folder / "logs/predict/P01.log").read_text()
+    assert "predict ensemble.h5: kept" in log and re.search(r"export_prediction .*: [\d.]+ s$", log, re.M)
+    assert "Nothing to be done" in planned(clinic, "models=packed")
+
+
 def test_an_older_plan_in_place_of_a_newer_one_is_imported(clinic, predicted):
     plan = clinic.folder / "P01/plans/treat.json"
     content, when = plan.read_bytes(), plan.stat().st_mtime
@@ -113,10 +149,10 @@ def test_outdated_files_of_the_study_train_nothing(packed, clinic):
 def test_the_example_patient_is_predicted_right_away(tmp_path):
     project = Project(tmp_path)
     shutil.copytree(ROOT / "models", project.folder / "models")
-    done = project.snakemake("predict", "--config", "patient=examples/P01")
-    assert done.returncode == 0, done.stdout[-4000:]
-    assert "trained on 40 patients (virtual cohort (development))" in done.stdout.split("rule ")[0]
-    assert not jobs(done.stdout).keys() & {"pretrain", "finetune", "pack", "virtual_patient"}
+    done = at_once(project, "patient=examples/P01")
+    assert "trained on 40 patients (virtual cohort (development))" in done.splitlines()[0]
+    dry = project.dry_run("--config", "patient=examples/P01", "--", "predict")
+    assert dry.returncode == 0 and "Nothing to be done" in dry.stdout
     (folder,) = (project.folder / "results/patients/P01").glob("*/pinnochio_plus")
     said = json.loads((folder / "certificate.json").read_text())
     assert said["interval"]["level"] == 0.9 and said["interval"]["patients"] == 40

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from pinnochio.errors import REMEDY, InputError
+from pinnochio.files import replacing
 
 Refuse = Callable[[str, str], None]  # refuse(problem, remedy) raises InputError
 Kind = TypeVar("Kind")  # a dataclass
@@ -28,6 +29,12 @@ def read_text(path: str | os.PathLike, refuse: Refuse) -> str:
         refuse(f"it cannot be read ({error.strerror})", "correct the path, or make the file readable")
     except UnicodeDecodeError as error:
         refuse(f"it is no text in UTF-8 (byte {error.start})", "save it as UTF-8")
+
+
+def write_json(path: str | os.PathLike, content, **options) -> None:
+    """Write what :func:`read_stored_json` reads; options: those of json.dumps."""
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, **options) + "\n", encoding="utf-8")
 
 
 class StoredObject(dict):

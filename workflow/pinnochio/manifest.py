@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
-from pinnochio.json_text import read_stored_json
+from pinnochio.json_text import read_stored_json, write_json
 
 MANIFEST = "archive.json"
 CHECKSUM = "sha256"  # of the manifest, without itself
@@ -21,8 +20,7 @@ def write_manifest(folder: str | os.PathLike, content: Mapping) -> None:
         "files": {path.relative_to(folder).as_posix(): digest(path.read_bytes()) for path in files}
     }
     content[CHECKSUM] = _checksum(content)
-    with replacing(Path(folder) / MANIFEST) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_json(Path(folder) / MANIFEST, content)
 
 
 def read_manifest(folder: str | os.PathLike, absent: tuple[str, str], again: str) -> dict:

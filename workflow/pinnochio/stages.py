@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pinnochio.code import called, code_hash
 from pinnochio.files import replacing
+from pinnochio.json_text import write_json
 
 
 class Stages:
@@ -57,8 +58,7 @@ class Stages:
         seconds = round(time.perf_counter() - began, 3)
         logging.info("%s: %.1f s", name, seconds)
         self._made[name] = [key, _contents(outputs), seconds]
-        with replacing(self._record) as temporary:
-            temporary.write_text(json.dumps(self._made, indent=1) + "\n", "utf-8")
+        write_json(self._record, self._made)
         if self._copies.is_dir():
             for path in paths:
                 _copy(path, self._copy(path))
@@ -102,7 +102,7 @@ def _contents(named: Mapping[str, object]) -> str:
     digest = hashlib.sha256()
     for name, value in sorted(named.items()):
         for path in map(Path, _paths(value)):
-            files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+            files = sorted(file for file in path.rglob("[!.]*") if file.is_file()) if path.is_dir() else [path]
             for file in files:
                 digest.update(repr((name, file.name, hashlib.sha256(file.read_bytes()).hexdigest())).encode())
     return digest.hexdigest()

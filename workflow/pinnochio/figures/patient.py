@@ -119,14 +119,14 @@ def volume_picture(patient: PatientModel, displacements: Mapping[str, np.ndarray
     save(plotter, path)
 
 
-def add_face(plotter: pv.Plotter, skin: pv.PolyData, patient: PatientModel, plan: Plan) -> None:
+def add_face(plotter: "pv.Plotter", skin: pv.PolyData, patient: PatientModel, plan: Plan) -> None:
     """Skin, and behind it the bone after the plan: a mouth that is open shows teeth."""
     plotter.add_mesh(skin, color=SKIN)
     moved = patient.bone_points + patient.bone_displacement(plan)
     plotter.add_mesh(pv.PolyData.from_regular_faces(moved, patient.bone_faces), color=BONE)
 
 
-def add_bone(plotter: pv.Plotter, patient: PatientModel, plan: Plan) -> None:
+def add_bone(plotter: "pv.Plotter", patient: PatientModel, plan: Plan) -> None:
     """Bone after the plan, each segment in its colour."""
     moved = patient.bone_points + patient.bone_displacement(plan)
     owner = patient.bone_segment[patient.bone_faces[:, 0]]
@@ -144,7 +144,7 @@ def add_field(plotter, skin: pv.PolyData, values: np.ndarray, title: str, limits
     plotter.add_mesh(skin, scalars=values, cmap=colours, clim=limits, scalar_bar_args=bar, copy_mesh=True)
 
 
-def add_values(plotter: pv.Plotter, surface: pv.PolyData, values: np.ndarray, limits, colours: str) -> pv.Actor:
+def add_values(plotter: "pv.Plotter", surface: pv.PolyData, values: np.ndarray, limits, colours: str) -> "pv.Actor":
     """Surface coloured by a value per point or face, grey where it is NaN; its bar is for another panel."""
     return plotter.add_mesh(
         surface,
@@ -158,7 +158,7 @@ def add_values(plotter: pv.Plotter, surface: pv.PolyData, values: np.ndarray, li
     )
 
 
-def add_scale(plotter: pv.Plotter, actor: pv.Actor, title: str) -> None:
+def add_scale(plotter: "pv.Plotter", actor: "pv.Actor", title: str) -> None:
     """The bar of an actor's colours in a panel of its own."""
     bar = {"vertical": True, "position_x": 0.3, "position_y": 0.1, "width": 0.16, "height": 0.8, "n_labels": 5}
     bar |= {"color": "black", "label_font_size": 18, "title_font_size": 18, "fmt": "%.1f"}
@@ -166,7 +166,7 @@ def add_scale(plotter: pv.Plotter, actor: pv.Actor, title: str) -> None:
     plotter.set_background("white")
 
 
-def finish(plotter: pv.Plotter, title: str, direction) -> None:
+def finish(plotter: "pv.Plotter", title: str, direction) -> None:
     """Title and camera of the current panel."""
     plotter.set_background("white")
     plotter.add_text(title, position=(0.03, 0.94), viewport=True, font_size=9, color="black")
@@ -175,7 +175,7 @@ def finish(plotter: pv.Plotter, title: str, direction) -> None:
     plotter.camera.zoom(1.15)
 
 
-def save(plotter: pv.Plotter, path: str | os.PathLike) -> None:
+def save(plotter: "pv.Plotter", path: str | os.PathLike) -> None:
     """Write the picture and close the plotter."""
     with replacing(path) as temporary:
         plotter.screenshot(temporary)

@@ -48,7 +48,7 @@ def quality_picture(patient: PatientModel, case: str, path: str | os.PathLike) -
     save(plotter, path)
 
 
-def _panel(plotter: pv.Plotter, title: str, direction, colours: dict[str, str]) -> None:
+def _panel(plotter: "pv.Plotter", title: str, direction, colours: dict[str, str]) -> None:
     """Title, view and legend of the current panel, which stand clear of the picture."""
     finish(plotter, title, direction)
     plotter.camera.zoom(0.78)

@@ -7,7 +7,6 @@ what 95 of 100 stay below. So some 5 of 100 patients of the same kind are called
 quantities are looked at (the conformal way, each patient left out in turn [R: Vovk, Gammerman, Shafer 2005]).
 """
 
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -15,8 +14,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from pinnochio.files import replacing
-from pinnochio.json_text import read_stored_json
+from pinnochio.json_text import read_stored_json, write_json
 from pinnochio.model.bones import motion_of_places
 from pinnochio.model.labels import TISSUES
 from pinnochio.model.patient import PatientModel
@@ -101,8 +99,7 @@ class Ranges:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as JSON."""
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+        write_json(path, asdict(self))
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Ranges":

@@ -139,11 +139,11 @@ def _map(skin: pv.PolyData, values: np.ndarray) -> bytes:
     return _png(plotter)
 
 
-def _panels(rows: int) -> pv.Plotter:
+def _panels(rows: int) -> "pv.Plotter":
     return pv.Plotter(off_screen=True, shape=(rows, len(VIEWS)), window_size=(1260, 430 * rows), border=False)
 
 
-def _png(plotter: pv.Plotter) -> bytes:
+def _png(plotter: "pv.Plotter") -> bytes:
     """The picture as a file would hold it."""
     with tempfile.TemporaryDirectory() as folder:
         save(plotter, Path(folder) / "picture.png")

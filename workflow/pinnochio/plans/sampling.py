@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import truncnorm
 
 from pinnochio.errors import InputError
 from pinnochio.plans.plan import Plan, RigidMotion
@@ -58,6 +57,8 @@ def truncated(rng: np.random.Generator, mean: float, sd: float, low: float, high
 
 def quantile(share: float, mean: float, sd: float, low: float, high: float) -> float:
     """The value of the normal (mean, sd) truncated to [low, high] below which this share of it lies."""
+    from scipy.stats import truncnorm  # half a second, which whoever draws no plan is spared
+
     return float(truncnorm.ppf(share, (low - mean) / sd, (high - mean) / sd, loc=mean, scale=sd))
 
 

@@ -1,6 +1,5 @@
 """The interval of a new patient's prediction: calibrated half-widths, wider where the fold models disagree."""
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -9,10 +8,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.hdf5 import reading, writing
-from pinnochio.json_text import read_stored_json
+from pinnochio.json_text import read_stored_json, write_json
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair, repair_inversions
 from pinnochio.model.patient import FREE, PatientModel
@@ -35,8 +33,7 @@ class Calibration:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as JSON."""
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+        write_json(path, asdict(self))
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Calibration":

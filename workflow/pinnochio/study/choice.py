@@ -31,6 +31,12 @@ class Choice:
     networks: Sequence[str] = ()
 
     @property
+    def in_words(self) -> str:
+        """Which models predict, where any do."""
+        about = self.archive
+        return f"Models: {self.folder}, trained on {about.patients} patients ({about.cohort})." if about else ""
+
+    @property
     def files(self) -> list[str]:
         """What a certificate reads of the archive."""
         if not self.folder:

@@ -1,6 +1,5 @@
 """What a clinic knows of a patient beside plan and images: sex, age, body mass, months to the scan, sutures."""
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -8,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pinnochio.files import replacing
-from pinnochio.json_text import read_stored_json
+from pinnochio.json_text import read_stored_json, write_json
 from pinnochio.plans.sampling import truncated
 from pinnochio.virtual.ground_truth import CLINIC, REALITIES
 from pinnochio.virtual.published_thickness import PUBLISHED
@@ -54,8 +52,7 @@ class Covariates:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as JSON."""
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+        write_json(path, asdict(self))
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Covariates":

@@ -29,6 +29,5 @@ if __name__ == "__main__":
         model=snakemake.input.model,
         fem=FemSettings(**snakemake.params.fem),
         code=snakemake.params.code,
-        table=snakemake.output.table,
-        picture=snakemake.output.picture,
+        **dict(snakemake.output.items()),
     )

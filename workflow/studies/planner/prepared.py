@@ -1,14 +1,12 @@
 """What the planner works with: a prepared patient and the models that predict it."""
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from pinnochio.errors import InputError
-from pinnochio.files import replacing
-from pinnochio.json_text import read_stored_json
+from pinnochio.json_text import read_stored_json, write_json
 
 
 @dataclass(frozen=True)
@@ -39,8 +37,7 @@ class Prepared:
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as JSON."""
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+        write_json(path, asdict(self))
 
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Prepared":

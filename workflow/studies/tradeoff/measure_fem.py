@@ -71,6 +71,5 @@ if __name__ == "__main__":
         nodes=snakemake.params.nodes,
         fem=FemSettings(**snakemake.params.fem),
         threads=snakemake.threads,
-        rows=snakemake.output.rows,
-        reference=snakemake.output.reference,
+        **dict(snakemake.output.items()),
     )

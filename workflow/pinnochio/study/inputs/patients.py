@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+from pinnochio.code import code_hash, source_file
 from pinnochio.errors import InputError
 from pinnochio.patients.model_archive import FALLBACK, configuration_hash
 from pinnochio.study.patients import Patient
@@ -21,6 +22,12 @@ class NewPatientInputs:
         config, methods = self.study.config, self.study.methods
         names = dict.fromkeys([*config["uncertainty"]["methods"], config["predict"]["method"]])
         return [name for name in names if name in methods.of_family("graph network") and name in methods.learned]
+
+    @cached_property
+    def predicts(self) -> str:
+        """Hash of the code that predicts a new patient, for archive and certificate."""
+        stages = ("patient.import_segmentation", "patient.label_interfaces", "prediction.predict")
+        return code_hash(*(source_file(f"scripts.{name}") for name in stages))
 
     @property
     def packed_intervals(self) -> list[str]:

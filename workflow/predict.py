@@ -1,0 +1,152 @@
+"""Predicts new patients in one process: what `snakemake predict` makes, sooner. Keys are those of the configuration.
+
+python workflow/predict.py patient=FOLDER [models=ARCHIVE] [predict='{method: fem_sliding}'] [--configfile FILE]
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, ProcessPoolExecutor
+from functools import reduce
+from multiprocessing import get_context
+from pathlib import Path
+from types import SimpleNamespace
+
+# As in the workflow: no library takes more cores than there are processes.
+for variable in ("IGL_NUM_THREADS", "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+import yaml  # noqa: E402
+
+from pinnochio.code import ROOT  # noqa: E402
+from pinnochio.errors import InputError  # noqa: E402
+from pinnochio.logs import attach_log, warnings_in  # noqa: E402
+from pinnochio.mechanics.settings import FemSettings  # noqa: E402
+from pinnochio.overlays import overlaid, read_merged  # noqa: E402
+from pinnochio.stages import Stages  # noqa: E402
+from pinnochio.study.configuration import check_config  # noqa: E402
+from pinnochio.study.inputs.rules import RuleInputs  # noqa: E402
+from pinnochio.study.patients import Patient, oddities  # noqa: E402
+from pinnochio.study.schema import checked, read_schema, refuse_doubled  # noqa: E402
+from pinnochio.study.study import Study  # noqa: E402
+from scripts.patient.check_cohort import check_cohort  # noqa: E402
+from scripts.patient.import_case import SEGMENTED, import_case, settings_of  # noqa: E402
+from scripts.patient.model_patient import model_patient  # noqa: E402
+from scripts.patient.show_quality import show_quality  # noqa: E402
+from scripts.patient.show_segments import show_segments  # noqa: E402
+from scripts.patients.predict_plan import predict_plan  # noqa: E402
+
+IMPORTED = dict(zip(SEGMENTED, ("labels.nii.gz", "bone.vtp", "skin.vtp", "import.json"), strict=True))
+MODELLED = {"mesh": "mesh.vtu", "model": "model.h5", "quality": "quality.json"}
+PREDICTED = {"certificate": "certificate.json", "page": "index.html", "measures": "measures.csv"}
+PREDICTED |= {"mesh": "deformed.vtu", "bones": "bones"}
+
+
+def predict_new(config: Mapping) -> None:
+    """Predict all plans of the new patients that a configuration names, and say where their pages are."""
+    study = Study.of(config)
+    inputs = RuleInputs(study)
+    inputs.patients.predictions(None)  # refuses a patient without a plan
+    print(*filter(None, [study.choice.in_words, *oddities(study.new_patients.values())]), sep="\n", flush=True)
+    for name in study.new_patients:
+        log = f"{study.results}/logs/predict/{name}.log"
+        attach_log(log)
+        with ProcessPoolExecutor(1, get_context("fork")) as beside:
+            pages = predict_patient(study.new_patient(name), study.results, inputs, beside)
+        warned = [f"Warning: {words}" for words in warnings_in(log)]
+        print(*warned, f"{name} is predicted; open {' '.join(pages)}", sep="\n", flush=True)
+
+
+def predict_patient(patient: Patient, results: str, inputs: RuleInputs, beside: Executor) -> list[str]:
+    """Run all stages of a patient and its plans as the rules do, pictures `beside`; return the pages. What was made of
+    the same inputs, by the rules too, is kept."""
+    config, folder = patient.config, patient.folder.replace("<results>", results)
+    job = SimpleNamespace(home="patients", case=patient.name, plan="", method=patient.choice.method)
+    made = bring(patient, folder, inputs.patient.markups(job), inputs.patient.covariates(job))
+    drawn = [beside.submit(draw, show_segments, {name: made[name] for name in ("bone", "skin", "report")}, folder)]
+    fem, files = FemSettings(**config["fem"]), {name: f"{folder}/{file}" for name, file in MODELLED.items()}
+    model_patient(
+        case=job.case,
+        imported=made,
+        mesh_settings={name: config["mesh"][name] for name in ("nodes", "minimum_dihedral")},
+        interfaces=config["interfaces"],
+        controls=config["lift"]["controls"],
+        fem=fem,
+        outputs=files | ({"lift": f"{folder}/lift_elastic.h5"} if inputs.patient.lift else {}),
+    )
+    drawn += [beside.submit(draw, show_quality, {"model": files["model"]}, folder, case=job.case)]
+    ensemble, predictor, predicted = inputs.prediction.ensemble(job), inputs.prediction.predictor(job), {}
+    about = {"code": inputs.patients.predicts, "corrections": patient.choice.corrections}
+    for plan in patient.plans:
+        out = f"{folder}/{plan}/{job.method}"
+        outputs = {name: f"{out}/{Path(file).name}" for name, file in (inputs.patients.fields | PREDICTED).items()}
+        outputs["skin"] = [f"{out}/skin.{kind}" for kind in ("vtp", "ply", "stl")]
+        predicted[plan] = outputs | {"plan": f"{folder}/{plan}/plan.json"}
+        predict_plan(
+            about=vars(job) | {"plan": plan} | about,
+            planned={"model": files["model"], "plan": predicted[plan]["plan"]},
+            quality=files["quality"],
+            fem=fem,
+            method={"predictor": predictor, "settings": ensemble.settings, "device": "cpu", "threads": 1},
+            networks=dict(zip(ensemble.folds, ensemble.networks, strict=True)),
+            lifts=[path.replace("<results>", results) for path in ensemble.lifts],
+            covariates=[path.replace("<results>", results) for path in ensemble.covariates],
+            archive=patient.choice.folder,
+            fallback=inputs.prediction.fallback(job),
+            outputs=outputs,
+        )
+    pages = [outputs["page"] for outputs in predicted.values()]
+    if len(pages) > 1:
+        from scripts.patients.show_plans import show_plans  # imports pandas
+
+        pages.append(f"{folder}/plans_{job.method}.html")
+        show_plans(job.case, job.method, files["model"], predicted, pages[-1])
+    for picture in drawn:
+        picture.result()
+    return pages
+
+
+def bring(patient: Patient, folder: str, markups: list[str], covariates: Mapping | None) -> dict[str, str]:
+    """Import what is brought of a patient, all of which is so read and checked before the dearer stages; its files."""
+    config, made = patient.config, {name: f"{folder}/{file}" for name, file in IMPORTED.items()}
+    limits = {"limit": config["registration"]["segment_limit"], "share": config["registration"]["segment_share"]}
+    edge = {"bone_edge": config["mesh"]["bone_edge"], "foreign": True}
+    files = {"segmentation": patient.segmentation, "volume": patient.volume or None, "markups": markups, **made}
+    parts = [("covariates", folder, {"covariates": f"{folder}/covariates.json"}), ("segmentation", folder, made)]
+    parts += [("plan", f"{folder}/{plan}", {"plan": f"{folder}/{plan}/plan.json"}) for plan in patient.plans]
+    for kind, place, outputs in parts:
+        import_case(
+            case=patient.name,
+            files=files | {"source": patient.plans.get(Path(place).name)},
+            outputs=outputs,
+            **settings_of({**config, **config["osteotomy"], **limits, **edge}),
+            known=covariates if kind == "covariates" else None,
+            record=f"{place}/.import_{kind}.json",
+        )
+    check_cohort(cases=[patient.name], reports=[made["report"]], table=f"{folder}/imported.csv")
+    return made
+
+
+def draw(stage: Callable, inputs: Mapping[str, str], folder: str, **settings) -> None:
+    """Make a picture of a patient by a stage like show_quality, which makes quality.png."""
+    name = stage.__name__.removeprefix("show_")
+    Stages(f"{folder}/.{name}.json")(stage, inputs, {"picture": f"{folder}/{name}.png"}, settings)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("keys", nargs="+", metavar="KEY=VALUE", help="keys of the configuration, values as in YAML")
+    parser.add_argument("--configfile", nargs="*", default=[], help="files laid over config/config.yaml")
+    options = parser.parse_args()
+    try:
+        for file in options.configfile:
+            refuse_doubled(file)
+        keys = ({key: yaml.safe_load(value)} for key, _, value in (word.partition("=") for word in options.keys))
+        merged = reduce(overlaid, keys, read_merged([ROOT / "config/config.yaml", *options.configfile]))
+        config = checked(merged, read_schema(ROOT))
+        check_config(config)
+        predict_new(config)
+    except InputError as error:
+        sys.exit(str(error))
