@@ -6,11 +6,11 @@ python workflow/predict.py patient=FOLDER [models=ARCHIVE] [predict='{method: fe
 import argparse
 import os
 import sys
-from collections.abc import Callable, Mapping
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Mapping
 from functools import reduce
-from multiprocessing import get_context
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from types import SimpleNamespace
 
 # As in the workflow: no library takes more cores than there are processes.
@@ -45,74 +45,80 @@ PREDICTED |= {"mesh": "deformed.vtu", "bones": "bones"}
 
 
 def predict_new(config: Mapping) -> None:
-    """Predict all plans of the new patients that a configuration names, and say where their pages are."""
+    """Predict all plans of the new patients that a configuration names, say where their pages are, draw the rest."""
     study = Study.of(config)
     inputs = RuleInputs(study)
     inputs.patients.predictions(None)  # refuses a patient without a plan
     print(*filter(None, [study.choice.in_words, *oddities(study.new_patients.values())]), sep="\n", flush=True)
     for name in study.new_patients:
-        log = f"{study.results}/logs/predict/{name}.log"
-        attach_log(log)
-        with ProcessPoolExecutor(1, get_context("fork")) as beside:
-            pages = predict_patient(study.new_patient(name), study.results, inputs, beside)
+        attach_log(log := f"{study.results}/logs/predict/{name}.log")
+        patient = study.new_patient(name)
+        folder = patient.folder.replace("<results>", study.results)
+        pages, model, imported = predict_patient(patient, folder, inputs)
         warned = [f"Warning: {words}" for words in warnings_in(log)]
         print(*warned, f"{name} is predicted; open {' '.join(pages)}", sep="\n", flush=True)
+        pictures, shown = Stages(f"{folder}/.pictures.json"), {key: imported[key] for key in ("bone", "skin", "report")}
+        pictures(show_segments, shown, {"picture": f"{folder}/segments.png"}, {})
+        pictures(show_quality, {"model": model}, {"picture": f"{folder}/quality.png"}, {"case": name})
 
 
-def predict_patient(patient: Patient, results: str, inputs: RuleInputs, beside: Executor) -> list[str]:
-    """Run all stages of a patient and its plans as the rules do, pictures `beside`; return the pages. What was made of
-    the same inputs, by the rules too, is kept."""
-    config, folder = patient.config, patient.folder.replace("<results>", results)
+def predict_patient(patient: Patient, folder: str, inputs: RuleInputs) -> tuple[list[str], str, dict[str, str]]:
+    """Run all stages of a patient, whose files go into the folder, and of its plans as the rules do; pages, model and
+    imported files. What was made of the same, by the rules too, is kept."""
     job = SimpleNamespace(home="patients", case=patient.name, plan="", method=patient.choice.method)
-    made = bring(patient, folder, inputs.patient.markups(job), inputs.patient.covariates(job))
-    drawn = [beside.submit(draw, show_segments, {name: made[name] for name in ("bone", "skin", "report")}, folder)]
+    config, predictor, ensemble = patient.config, inputs.prediction.predictor(job), inputs.prediction.ensemble(job)
+    outs = {plan: f"{folder}/{plan}/{job.method}" for plan in patient.plans}
+    pages = [f"{out}/{PREDICTED['page']}" for out in outs.values()]
+    imported = bring(patient, folder, inputs.patient.markups(job), inputs.patient.covariates(job))
+    ahead = [predictor.partition(":")[0], "pyvista.plotting"] if not all(map(os.path.isfile, pages)) else []
+    loading = Thread(target=lambda: list(map(import_module, ahead)))  # two seconds beside the mesh
+    loading.start()
     fem, files = FemSettings(**config["fem"]), {name: f"{folder}/{file}" for name, file in MODELLED.items()}
     model_patient(
         case=job.case,
-        imported=made,
+        imported=imported,
         mesh_settings={name: config["mesh"][name] for name in ("nodes", "minimum_dihedral")},
         interfaces=config["interfaces"],
         controls=config["lift"]["controls"],
         fem=fem,
         outputs=files | ({"lift": f"{folder}/lift_elastic.h5"} if inputs.patient.lift else {}),
     )
-    drawn += [beside.submit(draw, show_quality, {"model": files["model"]}, folder, case=job.case)]
-    ensemble, predictor, predicted = inputs.prediction.ensemble(job), inputs.prediction.predictor(job), {}
+    loading.join()
     about = {"code": inputs.patients.predicts, "corrections": patient.choice.corrections}
-    for plan in patient.plans:
-        out = f"{folder}/{plan}/{job.method}"
-        outputs = {name: f"{out}/{Path(file).name}" for name, file in (inputs.patients.fields | PREDICTED).items()}
-        outputs["skin"] = [f"{out}/skin.{kind}" for kind in ("vtp", "ply", "stl")]
-        predicted[plan] = outputs | {"plan": f"{folder}/{plan}/plan.json"}
+    made = {}
+    for plan, out in outs.items():
+        made[plan] = {name: f"{out}/{Path(file).name}" for name, file in (inputs.patients.fields | PREDICTED).items()}
+        made[plan] |= {"skin": [f"{out}/skin.{kind}" for kind in ("vtp", "ply", "stl")]}
+        planned = {"model": files["model"], "plan": f"{folder}/{plan}/plan.json"}
         predict_plan(
             about=vars(job) | {"plan": plan} | about,
-            planned={"model": files["model"], "plan": predicted[plan]["plan"]},
+            planned=planned,
             quality=files["quality"],
             fem=fem,
             method={"predictor": predictor, "settings": ensemble.settings, "device": "cpu", "threads": 1},
             networks=dict(zip(ensemble.folds, ensemble.networks, strict=True)),
-            lifts=[path.replace("<results>", results) for path in ensemble.lifts],
-            covariates=[path.replace("<results>", results) for path in ensemble.covariates],
+            lifts=[f"{folder}/{Path(path).name}" for path in ensemble.lifts],
+            covariates=[f"{folder}/{Path(path).name}" for path in ensemble.covariates],
             archive=patient.choice.folder,
             fallback=inputs.prediction.fallback(job),
-            outputs=outputs,
+            outputs=made[plan],
         )
-    pages = [outputs["page"] for outputs in predicted.values()]
+        made[plan]["plan"] = planned["plan"]
     if len(pages) > 1:
         from scripts.patients.show_plans import show_plans  # imports pandas
 
         pages.append(f"{folder}/plans_{job.method}.html")
-        show_plans(job.case, job.method, files["model"], predicted, pages[-1])
-    for picture in drawn:
-        picture.result()
-    return pages
+        keys = {"plans": "plan", "results": "result", "certificates": "certificate", "measures": "measures"}
+        compared = {name: [outputs[key] for outputs in made.values()] for name, key in keys.items()}
+        show_plans(job.case, job.method, files["model"], compared, pages[-1])
+    return pages, files["model"], imported
 
 
 def bring(patient: Patient, folder: str, markups: list[str], covariates: Mapping | None) -> dict[str, str]:
     """Import what is brought of a patient, all of which is so read and checked before the dearer stages; its files."""
     config, made = patient.config, {name: f"{folder}/{file}" for name, file in IMPORTED.items()}
-    limits = {"limit": config["registration"]["segment_limit"], "share": config["registration"]["segment_share"]}
-    edge = {"bone_edge": config["mesh"]["bone_edge"], "foreign": True}
+    params = {**config, **config["osteotomy"], "bone_edge": config["mesh"]["bone_edge"], "foreign": True}
+    params |= {key: config["registration"][f"segment_{key}"] for key in ("limit", "share")}
     files = {"segmentation": patient.segmentation, "volume": patient.volume or None, "markups": markups, **made}
     parts = [("covariates", folder, {"covariates": f"{folder}/covariates.json"}), ("segmentation", folder, made)]
     parts += [("plan", f"{folder}/{plan}", {"plan": f"{folder}/{plan}/plan.json"}) for plan in patient.plans]
@@ -121,18 +127,12 @@ def bring(patient: Patient, folder: str, markups: list[str], covariates: Mapping
             case=patient.name,
             files=files | {"source": patient.plans.get(Path(place).name)},
             outputs=outputs,
-            **settings_of({**config, **config["osteotomy"], **limits, **edge}),
+            **settings_of(params),
             known=covariates if kind == "covariates" else None,
             record=f"{place}/.import_{kind}.json",
         )
     check_cohort(cases=[patient.name], reports=[made["report"]], table=f"{folder}/imported.csv")
     return made
-
-
-def draw(stage: Callable, inputs: Mapping[str, str], folder: str, **settings) -> None:
-    """Make a picture of a patient by a stage like show_quality, which makes quality.png."""
-    name = stage.__name__.removeprefix("show_")
-    Stages(f"{folder}/.{name}.json")(stage, inputs, {"picture": f"{folder}/{name}.png"}, settings)
 
 
 if __name__ == "__main__":

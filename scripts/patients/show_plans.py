@@ -1,6 +1,6 @@
 """Makes the page on which all plans of a new patient lie side by side."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pinnochio.columns import read_table
@@ -13,37 +13,32 @@ from pinnochio.plans.plan import Plan
 from pinnochio.report.plans import ComparedPlan, write_plans
 
 
-def show_plans(case: str, method: str, model: str, files: Mapping[str, Mapping[str, str]], page: str) -> None:
-    """Write the page. files: by the plan's name its `plan`, `result`, `certificate` and `measures`."""
-    patient, plans, level = PatientModel.read(model), [], None
-    for name, paths in files.items():
-        certificate = read_stored_json(paths["certificate"])
+def show_plans(case: str, method: str, model: str, files: Mapping[str, Sequence[str]], page: str) -> None:
+    """Write the page. files: of every plan, in one order, its `plans`, `results`, `certificates` and `measures`."""
+    patient, compared, level = PatientModel.read(model), [], None
+    columns = (files[name] for name in ("plans", "results", "certificates", "measures"))
+    for plan, result, certified, measures in zip(*columns, strict=True):
+        name, certificate = Path(plan).parent.name, read_stored_json(certified)
         level = certificate["interval"]["level"] if certificate["interval"] else None
-        plans.append(
+        compared.append(
             ComparedPlan(
                 name=name,
-                plan=Plan.read(paths["plan"], case),
+                plan=Plan.read(plan, case),
                 page=f"{name}/{method}/index.html",
                 verdict=certificate["verdict"]["grade"],
-                displacement=read_result(paths["result"], case, patient).displacement,
-                measures=read_table(paths["measures"], TABLE),
+                displacement=read_result(result, case, patient).displacement,
+                measures=read_table(measures, TABLE),
             )
         )
-    write_plans(case=case, method=method, patient=patient, plans=plans, level=level, path=page)
+    write_plans(case=case, method=method, patient=patient, plans=compared, level=level, path=page)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    inputs = ("plans", "results", "certificates", "measures")
-    columns = zip(*(snakemake.input[name] for name in inputs), strict=True)
-    names = [Path(plan).parent.name for plan in snakemake.input.plans]
     show_plans(
         case=snakemake.wildcards.case,
         method=snakemake.wildcards.method,
         model=snakemake.input.model,
-        files={
-            name: dict(zip(("plan", "result", "certificate", "measures"), paths, strict=True))
-            for name, paths in zip(names, columns, strict=True)
-        },
+        files=dict(snakemake.input.items()),
         page=snakemake.output.page,
     )

@@ -99,26 +99,6 @@ def test_a_plan_that_is_added_later_shares_the_patient(clinic, predicted):
         assert counted["import_plan"] == counted["check_patient"] == 1 and not counted.keys() & {*SHARED, *TRAINING}
 
 
-def test_one_process_keeps_what_the_rules_made_and_they_what_it_made(clinic, predicted):
-    words, folder = (
-        ("patient=P01", "models=packed", "--configfile", "config/quick.yaml"),
-        clinic.folder / "results/quick",
-    )
-    said = at_once(clinic, *words).splitlines()[-1]
-    assert said.endswith(f"results/quick/patients/P01/plans_{METHOD}.html") and "extreme" in said
-    log = (folder / "logs/predict/P01.log").read_text()
-    made = re.findall(r"root: (\w+) .*: (?:kept|[\d.]+ s)$", log, re.M)
-    assert len(made) > 12 and set(re.findall(r"root: (\w+) .*: [\d.]+ s$", log, re.M)) <= {
-        "show_segments",
-        "show_quality",
-    }
-    shutil.rmtree(folder / f"patients/P01/treat/{METHOD}")
-    at_once(clinic, *words)
-    log = (folder / "logs/predict/P01.log").read_text()
-    assert "predict ensemble.h5: kept" in log and re.search(r"export_prediction .*: [\d.]+ s$", log, re.M)
-    assert "Nothing to be done" in planned(clinic, "models=packed")
-
-
 def test_an_older_plan_in_place_of_a_newer_one_is_imported(clinic, predicted):
     plan = clinic.folder / "P01/plans/treat.json"
     content, when = plan.read_bytes(), plan.stat().st_mtime
@@ -161,6 +141,25 @@ def test_the_example_patient_is_predicted_right_away(tmp_path):
     assert said["measures"]["skin_max_mm"] > 2
     assert 0 < said["measures"]["load_rel"] < 1  # the residual is that of the field under its own load
     assert (folder / "index.html").stat().st_size > 200_000
+
+
+def test_one_process_keeps_what_the_rules_made(clinic, predicted):
+    words, folder = (
+        ("patient=P01", "models=packed", "--configfile", "config/quick.yaml"),
+        clinic.folder / "results/quick",
+    )
+    said = at_once(clinic, *words).splitlines()[-1]
+    assert said.endswith(f"results/quick/patients/P01/plans_{METHOD}.html") and "extreme" in said
+    log = (folder / "logs/predict/P01.log").read_text()
+    made = re.findall(r"root: (\w+) .*: (?:kept|[\d.]+ s)$", log, re.M)
+    assert len(made) > 12 and set(re.findall(r"root: (\w+) .*: [\d.]+ s$", log, re.M)) <= {
+        "show_segments",
+        "show_quality",
+    }
+    shutil.rmtree(folder / f"patients/P01/treat/{METHOD}")
+    at_once(clinic, *words)
+    log = (folder / "logs/predict/P01.log").read_text()
+    assert "predict ensemble.h5: kept" in log and re.search(r"export_prediction .*: [\d.]+ s$", log, re.M)
 
 
 @pytest.mark.full

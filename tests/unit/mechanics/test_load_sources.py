@@ -45,7 +45,9 @@ def test_a_unit_moves_the_skin_outwards_by_its_pattern(made):
     patient, _, patterns, sources = made
     face = patient.judged_points
     normals = vertex_normals(patient.skin_points, patient.skin_faces)[face]
-    moved = np.stack([patient.moved_skin(field) - patient.skin_points for field in sources.fields])[:, face]
+    moved = np.stack([patient.moved_skin(field) - patient.skin_points for field in map(sources.field, np.eye(3))])[
+        :, face
+    ]
     outward = np.einsum("qkx,kx->kq", moved, normals)
     np.testing.assert_allclose(outward, sources.outward, atol=1e-9)
     for number in range(3):

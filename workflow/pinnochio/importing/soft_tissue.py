@@ -131,10 +131,13 @@ def largest(mask, structure=None) -> np.ndarray:
 
 def hollows(bone, voxel: float) -> np.ndarray:
     """What a bone (bool) encloses, up to CAVITY: marrow, a sinus, the inside of a shell; voxel: its volume, mm3."""
-    pieces, _ = ndimage.label(ndimage.binary_fill_holes(bone) & ~bone)
-    small = np.bincount(pieces.ravel()) * voxel <= CAVITY * 1000
-    small[0] = False
-    return small[pieces]
+    hollow = np.zeros_like(bone)
+    for box in ndimage.find_objects(bone.astype(np.uint8)):  # one, or none
+        pieces, _ = ndimage.label(ndimage.binary_fill_holes(bone[box]) & ~bone[box])
+        small = np.bincount(pieces.ravel()) * voxel <= CAVITY * 1000
+        small[0] = False
+        hollow[box] = small[pieces]
+    return hollow
 
 
 def larger(mask, voxels: float, structure=None) -> np.ndarray:

@@ -24,22 +24,23 @@ SMOOTH = 1e-3  # of the mean response: what answers less is not brought up to it
 class Sources:
     """Loads on one patient's mesh and what each does to it, to first order.
 
-    forces (q, n, 3) mN of unit amplitudes and fields (q, n, 3) mm that answer them, sliding nodes free to slide: the
-    judged skin moves outwards by one pattern each, in mm, as nearly as the tissue lets it. outward (k, q) mm: by how
-    much each does.
+    mixed (p, q): how much of the forces (p, n, 3) mN, and of the fields (p, n, 3) mm that answer them, sliding nodes
+    free to slide, unit amplitudes are: the judged skin moves outwards by one pattern each, in mm, as nearly as the
+    tissue lets it. outward (k, q) mm: by how much each does.
     """
 
+    mixed: np.ndarray
     forces: np.ndarray
     fields: np.ndarray
     outward: np.ndarray
 
     def load(self, amplitudes) -> np.ndarray:
         """Force (n, 3) mN of amplitudes (q,)."""
-        return np.tensordot(amplitudes, self.forces, 1)
+        return np.tensordot(self.mixed @ amplitudes, self.forces, 1)
 
     def field(self, amplitudes) -> np.ndarray:
         """Displacement (n, 3) mm under it, to first order."""
-        return np.tensordot(amplitudes, self.fields, 1)
+        return np.tensordot(self.mixed @ amplitudes, self.fields, 1)
 
 
 class AnsweringTissue:
@@ -64,8 +65,7 @@ class AnsweringTissue:
         shown = (onto @ fields.transpose(1, 0, 2).reshape(len(model.points), -1)).reshape(len(face), -1, 3)
         outward = np.einsum("kqx,kx->kq", shown, normals)
         mixed = units(outward, patterns, area)
-        forces, fields = (np.tensordot(mixed, each, (0, 0)) for each in (forces, fields))
-        return Sources(forces, fields, outward @ mixed)
+        return Sources(mixed, forces, fields, outward @ mixed)
 
 
 def units(outward: np.ndarray, patterns: np.ndarray, area: np.ndarray) -> np.ndarray:
