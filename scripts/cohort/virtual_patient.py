@@ -63,9 +63,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     virtual_patient(
         case=snakemake.wildcards.case,
-        number=snakemake.params.number,
-        seed=snakemake.params.seed,
-        spacing=snakemake.params.spacing,
+        **{name: snakemake.params[name] for name in ("number", "seed", "spacing")},
         label_values=snakemake.params.labels,
         procedure=Procedure(**snakemake.params.procedure),
         outputs=dict(snakemake.output.items()),

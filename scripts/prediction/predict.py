@@ -78,10 +78,7 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     names = ("models", "trained", "lifts", "truths", "covariates")
     predict(
-        predictor=snakemake.params.predictor,
-        settings=snakemake.params.settings,
-        names=snakemake.params.names,
-        cases=snakemake.params.cases,
+        **{name: snakemake.params[name] for name in ("predictor", "settings", "names", "cases")},
         **{name: snakemake.input.get(name, []) for name in names},
         plans=[snakemake.input.plans],
         device=device_of(snakemake.params.predictor, snakemake.resources.gpu, snakemake.threads),

@@ -97,19 +97,15 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     files = {kind: snakemake.input[f"{kind}s"] for kind in ("picture", "view", "volume")}
     write_report(
-        titles=snakemake.params.titles,
-        captions=snakemake.params.captions,
-        tables=snakemake.input.tables,
-        figures=snakemake.input.figures,
+        **{name: snakemake.params[name] for name in ("titles", "captions", "methods")},
+        **{name: snakemake.input[name] for name in ("tables", "figures", "provenance")},
         curves=dict(zip(snakemake.params.learned, snakemake.input.curves, strict=True)),
         patients={
             case: {kind: paths[number] for kind, paths in files.items() if paths}
             for number, case in enumerate(snakemake.params.cases)
         },
-        provenance=snakemake.input.provenance,
         output=snakemake.output.page,
         cases=snakemake.input.get("cases") or None,
-        methods=snakemake.params.methods,
         chart=snakemake.input.get("chart") or None,
         qualities=dict(zip(snakemake.params.cases, snakemake.input.qualities, strict=True)),
     )

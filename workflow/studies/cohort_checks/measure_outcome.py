@@ -31,13 +31,11 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     files = {name: path for name, path in snakemake.input.items() if name in ("truth", "template")}
     measure_outcome(
-        module=snakemake.params.module,
+        **{name: snakemake.params[name] for name in ("module", "outcome", "seed")},
         case=snakemake.wildcards.case,
         inputs=dict(snakemake.input.items()),
-        outcome=snakemake.params.outcome,
         label_values=snakemake.params.labels,
         segments=tuple(snakemake.params.segments),
-        seed=snakemake.params.seed,
         arguments=snakemake.params.arguments | files,
         table=snakemake.output.table,
     )

@@ -43,13 +43,9 @@ def stability(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     stability(
-        family=snakemake.params.family,
-        case=snakemake.params.case,
-        way=snakemake.params.way,
+        **{name: snakemake.params[name] for name in ("family", "case", "way", "seed", "code")},
         model=next(iter(snakemake.input.model), None),
         config=snakemake.params.stability,
         fem=FemSettings(**snakemake.params.fem),
-        seed=snakemake.params.seed,
-        code=snakemake.params.code,
         table=snakemake.output.table,
     )

@@ -64,9 +64,7 @@ if __name__ == "__main__":
     measure_fem(
         case=snakemake.wildcards.case,
         models=dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
-        plan=snakemake.input.plan,
-        postop=snakemake.input.postop,
-        judged=snakemake.input.judged,
+        **{name: snakemake.input[name] for name in ("plan", "postop", "judged")},
         settings=[Setting(**values) for values in snakemake.params.settings],
         nodes=snakemake.params.nodes,
         fem=FemSettings(**snakemake.params.fem),

@@ -52,10 +52,7 @@ if __name__ == "__main__":
         case=snakemake.wildcards.case,
         predictions=dict(zip(snakemake.params.methods, snakemake.input.predictions, strict=True)),
         models=dict(zip(snakemake.params.methods, snakemake.input.models, strict=True)),
-        postop=snakemake.input.postop,
-        judged=snakemake.input.judged,
-        reference=snakemake.input.reference,
-        reference_model=snakemake.input.reference_model,
+        **{name: snakemake.input[name] for name in ("postop", "judged", "reference", "reference_model")},
         fem=FemSettings(**snakemake.params.fem),
         rows=snakemake.output.rows,
     )
