@@ -303,7 +303,7 @@ def _check_nrrd(content: bytes, refuse: Refuse) -> None:
         sides = [int(word) for word in said["sizes"].split()]
         if len(sides) != int(said["dimension"]) or not 2 <= len(sides) <= 4 or min(sides) < 1:
             raise ValueError(f"{len(sides)} sizes, {said['dimension']} axes")
-        wanted = math.prod(sides) * NRRD_BYTES[said["type"].lower()]
+        wanted = math.prod(sides) * NRRD_BYTES[said["type"].lower()] + int(said.get("byte skip", 0))
     except (KeyError, ValueError) as error:
         refuse(f"its header says nothing known of 'type' and 'sizes' ({error})", "save it again as .nrrd")
     encoding = said.get("encoding", "raw").lower()
