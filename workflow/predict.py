@@ -24,7 +24,7 @@ from pinnochio.code import ROOT  # noqa: E402
 from pinnochio.errors import InputError  # noqa: E402
 from pinnochio.logs import attach_log, warnings_in  # noqa: E402
 from pinnochio.mechanics.settings import FemSettings  # noqa: E402
-from pinnochio.overlays import overlaid, read_merged  # noqa: E402
+from pinnochio.overlays import overlaid  # noqa: E402
 from pinnochio.stages import Stages  # noqa: E402
 from pinnochio.study.configuration import check_config  # noqa: E402
 from pinnochio.study.inputs.rules import RuleInputs  # noqa: E402
@@ -141,12 +141,14 @@ if __name__ == "__main__":
     parser.add_argument("--configfile", nargs="*", default=[], help="files laid over config/config.yaml")
     options = parser.parse_args()
     try:
-        for file in options.configfile:
+        files = [ROOT / "config/config.yaml", *options.configfile]
+        for file in files:
             refuse_doubled(file)
-        keys = ({key: yaml.safe_load(value)} for key, _, value in (word.partition("=") for word in options.keys))
-        merged = reduce(overlaid, keys, read_merged([ROOT / "config/config.yaml", *options.configfile]))
-        config = checked(merged, read_schema(ROOT))
+        layers = [yaml.load(Path(file).read_text("utf-8"), yaml.CSafeLoader) or {} for file in files]
+        layers += ({key: yaml.safe_load(value)} for key, _, value in (word.partition("=") for word in options.keys))
+        config = checked(reduce(overlaid, layers), read_schema(ROOT))
         check_config(config)
         predict_new(config)
     except InputError as error:
-        sys.exit(str(error))
+        print(error, flush=True)  # standard error goes to the log by now
+        sys.exit(1)
