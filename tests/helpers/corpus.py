@@ -296,8 +296,7 @@ def headers(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     yield Tried("headers: NRRD", of_nrrd(), right)
     yield Tried("headers: NRRD in mm", of_nrrd('space units: "mm" "mm" "mm"\n'), right)
     yield Tried("headers: NRRD that skips", of_nrrd("byte skip: 70\n", data=b"skipped" * 10 + voxels), right)
-    for skip, data in ((-70, voxels), (-len(voxels), b"")):
-        yield Tried(f"headers: NRRD that skips {skip}", of_nrrd(f"byte skip: {skip}\n", data=data))
+    yield Tried("headers: NRRD that skips back", of_nrrd(f"byte skip: -{len(voxels)}\n", data=b""))
     for unit in ("m", "cm", "um"):
         yield Tried(f"headers: NRRD in {unit}", of_nrrd(f'space units: "{unit}" "{unit}" "{unit}"\n'))
     plain = ("space", "space directions", "space origin")

@@ -475,7 +475,6 @@ BAD_FOLDER = {
     "no surface": (lambda d: [f.unlink() for f in d.iterdir()], "head: the folder holds no surface", "one surface"),
     "two files": (second, r"muscle\.stl: 'muscle' has two surfaces", "one file per structure"),
     "metres": (lambda d: scaled(d, 1e-3), "in metres", "millimetres"),
-    "micrometres": (lambda d: scaled(d, 1e3), "in micrometres", "millimetres"),
     "rubbish": (lambda d: (d / "lefort1.vtp").write_text("x"), r"lefort1\.vtp: ", "again|triangles"),
 }  # fmt: skip
 
