@@ -92,7 +92,7 @@ def learn_loads(patients, fitted: str) -> SourceModel:
         fem_samples=[patient.fem_samples for patient in patients],
         plans=[patient.plan for patient in patients],
         postops=[patient.postop for patient in patients],
-        covariates=[patient.covariates for patient in patients],
+        covariates=[],
         settings={"fem": vars(patients[0].fem)},
         fitted=fitted,
     )

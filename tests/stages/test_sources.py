@@ -7,9 +7,11 @@ import pytest
 import torch
 
 from pinnochio.geometry.triangles import vertex_normals
+from pinnochio.mechanics.load_sources import AnsweringTissue
+from pinnochio.mechanics.simulation import simulate
 from pinnochio.methods.pinnochio.predictor import load_network
 from pinnochio.methods.sources import PatientSources, fit
-from pinnochio.model.face_modes import SIGNS, FaceModes
+from pinnochio.model.face_modes import FaceModes
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import read_prediction
 from pinnochio.networks.building import build
@@ -27,49 +29,74 @@ def faces(patients):
     return models, [Plan.read(files.plan, files.case) for files in patients]
 
 
-def learned(patients, faces, outward):
-    """The model of skins that lie outside of bases that are zero by so many mm (k,) of the judged face."""
+@pytest.fixture(scope="module")
+def tissues(patients, faces):
+    return [AnsweringTissue(head, patients[0].fem) for head in faces[0]]
+
+
+def learned(patients, faces, away):
+    """The model of skins that lie off bases that are zero by so many mm (k, 3) of the judged face."""
     models, plans = faces
     skins = []
-    for head, away in zip(models, outward, strict=True):
+    for head, shift in zip(models, away, strict=True):
         moved = head.skin_points.copy()
-        moved[head.judged_points] += away[:, None] * normals_of(head)
+        moved[head.judged_points] += shift
         skins.append((moved, head.skin_faces))
-    return fit(models, [0 * head.points for head in models], plans, skins, [{}, {}])
+    return fit(models, [0 * head.points for head in models], plans, skins, patients[0].fem)
 
 
 def normals_of(head):
     return vertex_normals(head.skin_points, head.skin_faces)[head.judged_points]
 
 
+def shown(source, head, tissue, plan):
+    """How far (k,) mm the judged face moves outwards by what was learned, to first order."""
+    _, field = PatientSources(source, head, tissue)(plan)
+    return np.einsum("kx,kx->k", (head.moved_skin(field) - head.skin_points)[head.judged_points], normals_of(head))
+
+
 def test_nothing_is_learned_where_nothing_deviates(patients, faces):
-    model = learned(patients, faces, [np.zeros(len(head.judged_points)) for head in faces[0]])
-    assert model.regression.form == "zero" and model.largest < 1e-9
+    model = learned(patients, faces, [np.zeros((len(head.judged_points), 3)) for head in faces[0]])
+    assert np.abs(model.amplitudes).max() < 1e-9 and model.largest < 1e-9
 
 
-def test_a_broad_pattern_of_everyone_is_learned_and_brought_about(patients, faces):
-    """And no point moves by more than in the training patients, however large the amplitudes are."""
+def test_a_broad_pattern_of_everyone_is_learned_and_brought_about(patients, faces, tissues):
+    """And no point is wanted farther off than in the training patients, however large the amplitudes are."""
     modes = FaceModes.of(faces[0])
-    amplitudes = np.zeros(len(SIGNS))
-    amplitudes[[0, 2, 3]] = 0.6, 0.3, -0.4
-    model = learned(patients, faces, [modes(head) @ amplitudes for head in faces[0]])
-    assert model.regression.form == "mean"
-    for head, plan in zip(*faces, strict=True):
-        wanted = modes(head) @ amplitudes
-        sources = PatientSources(model, head, patients[0].fem, {})
-        shown = sources.sources.outward @ sources.amplitudes(plan)
-        assert np.corrcoef(shown, wanted)[0, 1] > 0.6  # bone holds much of so coarse a face
-        wild = replace(model, regression=replace(model.regression, constant=100 * model.regression.constant))
-        far = PatientSources(wild, head, patients[0].fem, {})
-        assert np.abs(far.sources.outward @ far.amplitudes(plan)).max() == pytest.approx(model.largest)
+    wanted = [modes(head)[:, [0, 2, 3]] @ [0.6, 0.3, -0.4] for head in faces[0]]
+    away = [one[:, None] * normals_of(head) for one, head in zip(wanted, faces[0], strict=True)]
+    model = learned(patients, faces, away)
+    wild = replace(model, amplitudes=100 * model.amplitudes)
+    for one, head, plan, tissue in zip(wanted, *faces, tissues, strict=True):
+        assert np.corrcoef(shown(model, head, tissue, plan), one)[0, 1] > 0.6  # bone holds much of so coarse a face
+        far = PatientSources(wild, head, tissue).wanted(plan)
+        assert np.linalg.norm(far, axis=1).max() == pytest.approx(model.largest)
+
+
+def test_skin_that_follows_less_is_learned_in_all_directions(patients, faces, tissues):
+    """Scans show how far skin lies out alone; that it follows less shows in how it moves along itself too."""
+    follows = [tissue.follows(plan) for plan, tissue in zip(faces[1], tissues, strict=True)]
+    models, plans = faces
+    skins = []
+    for head, moved in zip(models, follows, strict=True):
+        points = head.skin_points.copy()
+        points[head.judged_points] += 0.7 * moved
+        skins.append((points, head.skin_faces))
+    bases = [
+        simulate(head, [plan], patients[0].fem, linear=True)[0].displacement for head, plan in zip(*faces, strict=False)
+    ]
+    model = fit(models, bases, plans, skins, patients[0].fem)
+    for head, plan, tissue, moved in zip(*faces, tissues, follows, strict=True):
+        wanted = PatientSources(model, head, tissue).wanted(plan)
+        assert np.linalg.norm(wanted + 0.3 * moved) < 0.7 * np.linalg.norm(0.3 * moved)
 
 
 def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
     """The field is in equilibrium with the learned load; a millimetre more of a pattern moves the face so."""
     fitted, metrics = str(tmp_path / "fitted.h5"), {}
     learned = learn_loads(patients, fitted)
-    constant = learned.regression.constant + np.eye(len(SIGNS))[0]  # the broadest pattern
-    taught = replace(learned, regression=replace(learned.regression, constant=constant), largest=5.0)
+    amplitudes = learned.amplitudes + np.eye(len(learned.amplitudes))[0]  # the broadest pattern
+    taught = replace(learned, amplitudes=amplitudes, largest=5.0)
     taught.write(tmp_path / "taught.h5")
     for name, file in (("learned", fitted), ("taught", str(tmp_path / "taught.h5"))):
         predictions = str(tmp_path / f"{name}.h5")
@@ -113,7 +140,7 @@ def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
     weights, same = (load_network(path)[0].state_dict() for path in (first, last["network"]))
     assert all(torch.equal(weights[name], same[name]) for name in weights)
     taught = torch.load(last["network"], weights_only=True)
-    taught["sources"]["regression_constant"][0] += 1.0  # mm of the broadest pattern
+    taught["sources"]["amplitudes"][0] += 1.0  # mm of the broadest pattern
     taught["sources"]["largest"] += 5.0
     torch.save(taught, last["network"])
     predictions, metrics = str(tmp_path / "predictions.h5"), str(tmp_path / "metrics.csv")

@@ -1,76 +1,67 @@
 """Sources: loads on the soft tissue by which a learned method says what bone motion does not explain.
 
-A load that acts on the tissue changes its shape as mechanics lets it, so whatever amplitudes are learned, the field
-that answers them is in equilibrium with the declared load. Pressure under the skin stands for what swells, thins,
-unfurls, sags or is pulled there.
+A load that acts on the tissue changes its shape as mechanics lets it, so whatever is learned, the field that answers is
+in equilibrium with the declared load. Pressure and traction on the skin stand for what swells, thins, unfurls, sags or
+is pulled there.
 """
 
 import weakref
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
+from pinnochio.model.face_modes import FaceModes
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 
-SMOOTH = 1e-3  # of the mean response: what answers less is not brought up to its pattern by a large load [X]
-
-
-@dataclass(frozen=True)
-class Sources:
-    """Loads on one patient's mesh and what each does to it, to first order.
-
-    mixed (p, q): how much of the forces (p, n, 3) mN, and of the fields (p, n, 3) mm that answer them, sliding nodes
-    free to slide, unit amplitudes are: the judged skin moves outwards by one pattern each, in mm, as nearly as the
-    tissue lets it. outward (k, q) mm: by how much each does.
-    """
-
-    mixed: np.ndarray
-    forces: np.ndarray
-    fields: np.ndarray
-    outward: np.ndarray
-
-    def load(self, amplitudes) -> np.ndarray:
-        """Force (n, 3) mN of amplitudes (q,)."""
-        return np.tensordot(self.mixed @ amplitudes, self.forces, 1)
-
-    def field(self, amplitudes) -> np.ndarray:
-        """Displacement (n, 3) mm under it, to first order."""
-        return np.tensordot(self.mixed @ amplitudes, self.fields, 1)
+SMOOTH = 1e-3  # of the mean response: what answers less is not brought to its place by a large load [X]
+BROAD = 20, 10  # symmetric and antisymmetric patterns of traction: more bring the face hardly nearer [X]
 
 
 class AnsweringTissue:
-    """A patient's elastic response to pressure under the judged face, factorised once for any patterns."""
+    """A patient's elastic response, sliding nodes free to slide: to a plan, and to loads that bring the judged face to
+    where it is wanted; made once for all of both."""
 
     def __init__(self, model: PatientModel, fem: FemSettings):
-        self._model, boundary = model, boundary_conditions(model, Plan("-", {}), "mucosa")
-        law = fem.material(model.tissue)
-        self._solver = ElasticSolver(model.points, model.cells, law, boundary, fem.volumetric)
+        self._model, rest = model, boundary_conditions(model, Plan("-", {}), "mucosa")
+        self._onto, law = model.onto_judged, fem.material(model.tissue)
+        self._solver = ElasticSolver(model.points, model.cells, law, rest, fem.volumetric)
         weakref.finalize(self, self._solver.close)
 
-    def __call__(self, patterns: np.ndarray) -> Sources:
-        """The sources for patterns (k, q) over the points of the judged face: pressures of the same patterns under the
-        skin, mixed so that what the response makes of them are the patterns again."""
+    def follows(self, plan: Plan) -> np.ndarray:
+        """Displacement (k, 3) mm of the points of the judged face under a plan, to first order."""
+        return self._onto @ self._solver.solve(boundary_conditions(self._model, plan, "mucosa"))
+
+    def answer(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Force (n, 3) mN that moves the points of the judged face by `wanted` (k, 3) mm as nearly as the tissue lets
+        it, and the displacement (n, 3) mm that answers it, to first order. Least squares, in which loads count too, so
+        that where tissue hardly answers they stay below 0.5 / sqrt(SMOOTH) times the usual one."""
+        loads, fields, shown, square = self._responses
+        amounts = cho_solve(square, shown @ wanted.ravel())
+        return np.tensordot(amounts, loads, 1), np.tensordot(amounts, fields, 1)
+
+    @cached_property
+    def _responses(self) -> tuple:
+        """Loads (l, n, 3) mN by smooth patterns of the face, of pressure and, the broadest, of traction along each
+        axis; fields (l, n, 3) mm that answer them; what each does to the face times area (l, 3k); their squares with
+        the penalty, factorised. InputError where the face cannot be read."""
         model, face = self._model, self._model.judged_points
-        normals = vertex_normals(model.skin_points, model.skin_faces)[face]
         area = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])[face]
-        pressed = np.einsum("kq,k,kx->kqx", patterns, area, normals).reshape(len(face), -1)
-        onto = model.onto_judged
-        forces = (onto.T @ pressed).reshape(len(model.points), -1, 3).transpose(1, 0, 2)
-        fields = self._solver.under(forces)
-        shown = (onto @ fields.transpose(1, 0, 2).reshape(len(model.points), -1)).reshape(len(face), -1, 3)
-        outward = np.einsum("kqx,kx->kq", shown, normals)
-        mixed = units(outward, patterns, area)
-        return Sources(mixed, forces, fields, outward @ mixed)
-
-
-def units(outward: np.ndarray, patterns: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Which loads make one pattern (p, q), from what each load does (k, p) mm, by areas (k,): least squares, in which
-    loads count too, so that where tissue hardly answers they stay below 0.5 / sqrt(SMOOTH) times the usual one."""
-    square = (outward.T * area) @ outward
-    penalty = SMOOTH * np.trace(square) / len(square) * np.eye(len(square))
-    return np.linalg.solve(square + penalty, (outward.T * area) @ patterns)
+        normals = vertex_normals(model.skin_points, model.skin_faces)[face]
+        modes = FaceModes.of([model])
+        patterns = modes(model) * area[:, None]
+        broadest = np.hstack([part[:, :n] for part, n in zip(modes.halves(patterns), BROAD, strict=True)])
+        broad = np.einsum("kq,xy->kqxy", broadest, np.eye(3)).reshape(len(face), -1, 3)
+        per_point = np.concatenate([np.einsum("kq,kx->kqx", patterns, normals), broad], axis=1)
+        loads = (self._onto.T @ per_point.reshape(len(face), -1)).reshape(len(model.points), -1, 3).transpose(1, 0, 2)
+        fields = self._solver.under(loads)
+        moved = np.stack([self._onto @ field for field in fields]).reshape(len(fields), -1)
+        shown = moved * np.repeat(area, 3)
+        square = shown @ moved.T
+        square += SMOOTH * np.trace(square) / len(square) * np.eye(len(square))
+        return loads, fields, shown, cho_factor(square)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator, simulate
 from pinnochio.methods import sources
@@ -21,7 +22,6 @@ def fit(
     models: Sequence[PatientModel],
     plans: Sequence[Plan],
     skins: Sequence[tuple[np.ndarray, np.ndarray]],
-    covariates: Sequence[Mapping],
     fem: FemSettings,
     **_: object,
 ) -> SourceModel:
@@ -31,7 +31,7 @@ def fit(
         (solved,) = simulate(model, [plan], fem)
         logging.info("%s: %s", plan.case, solved.reason)
         bases.append(solved.displacement)
-    return sources.fit(models, bases, plans, skins, covariates)
+    return sources.fit(models, bases, plans, skins, fem)
 
 
 class LearnedLoadPredictor:
@@ -48,7 +48,7 @@ class LearnedLoadPredictor:
             learned, simulator = planned.once(self._of_patient, planned)
 
             def predict():
-                forces = learned.sources.load(learned.amplitudes(plan))
+                forces, _ = learned(plan)
                 return forces, simulator.solve([plan], [forces])[0]
 
             return predict
@@ -68,7 +68,7 @@ class LearnedLoadPredictor:
         )
 
     def _of_patient(self, planned: Planned) -> tuple[PatientSources, Simulator]:
-        learned = PatientSources(self._learned, planned.patient, self._fem, planned.covariates)
+        learned = PatientSources(self._learned, planned.patient, AnsweringTissue(planned.patient, self._fem))
         simulator = Simulator(planned.patient, self._fem)
         weakref.finalize(learned, simulator.close)
         return learned, simulator

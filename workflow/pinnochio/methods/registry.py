@@ -76,7 +76,6 @@ BUILT_IN = (
         "pinnochio.methods.fem_learned:fit",
         ("fem",),
         trains="at once",
-        covariates=True,
     ),
     _finite_elements("fem_rlse_bonded", "bonded", mesh="lips"),
     _finite_elements("fem_rlse_mucosa", "mucosa", mesh="lips"),
@@ -117,8 +116,7 @@ def registry(config: Mapping) -> dict[str, Method]:
 
 def graph_network(name: str, settings: Mapping, fem: Mapping) -> Method:
     """The graph network of these settings; fem: section of the configuration."""
-    covariates = settings["finetuning"]["sources"]
-    return replace(GRAPH_NETWORK, name=name, settings={**settings, "fem": fem}, covariates=covariates)
+    return replace(GRAPH_NETWORK, name=name, settings={**settings, "fem": fem})
 
 
 def _settings(method: Method, config: Mapping) -> dict:

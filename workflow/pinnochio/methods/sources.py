@@ -1,10 +1,9 @@
 """What bone motion does not explain of operated faces, learned as patterns of the face that mechanics carries.
 
-Of each training patient the deviation of the post-operative skin from a base, a field in equilibrium with the bone, is
-expressed by smooth patterns that correspond between faces (:mod:`pinnochio.model.face_modes`). Their amplitudes are
-regressed on what is known before the scan: motion of the skeleton's places, soft tissue over the landmarks, covariates.
-Of a new patient, loads under the skin bring them about (:mod:`pinnochio.mechanics.load_sources`). Both halves of a face
-are alike, so every patient counts mirrored as well.
+Of a base, a field that says how the face follows the bone, training patients' scans show two things in which they are
+alike: smooth patterns (:mod:`pinnochio.model.face_modes`) by which skin lies farther out or in, and by how much more or
+less than elastic tissue it follows, the ratio of soft to hard tissue that surgeons know. One least-squares fit over the
+scans of all finds both. Of a new patient, loads on the skin bring them about (:mod:`pinnochio.mechanics.load_sources`).
 """
 
 import logging
@@ -13,44 +12,31 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import vertex_areas, vertex_normals
 from pinnochio.hdf5 import reading, writing
 from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.model.bones import PLACES, motion_of_places
-from pinnochio.model.correspondence import ACROSS, marks, sides_changed
-from pinnochio.model.face_modes import SIGNS, FaceModes
+from pinnochio.model.face_modes import FaceModes
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
-from pinnochio.training.regression import Regression, regress
 
-SMOOTH = 1e-2  # of the patterns' mean square: what keeps amplitudes that the scan hardly shows small [X]
-_OF_REGRESSION = "regression_"  # begins the names of its parts
-MOTION, TISSUE, COVARIATES = range(3)  # groups of features
-# Covariates as numbers; swelling goes with the logarithm of time.
-CODES = {
-    "sex": lambda value: value == "female",
-    "age": float,
-    "bmi": float,
-    "months": lambda value: np.log(max(value, 0.5)),
-    "closure": lambda value: value == "vy",
-    "cinch": bool,
-}
+FOLLOWING = 6  # patterns, the broadest, of by how much more the skin follows [X]
+USUAL = 3.0  # mm by which skin follows: so much more of it counts in the penalty as a millimetre outwards does [I]
+PENALTY = 1.0  # on the square of each amplitude, mm: what one patient's whole face says in the fit [X]
 
 
 @dataclass(frozen=True)
 class SourceModel:
     """What a fold's training patients say of a new one.
 
-    modes: the patterns; regression: of their amplitudes, mm; largest: mm, what the amplitudes of any training patient
-    say at most of a point of the face, beyond which none is moved.
+    modes: the patterns; amplitudes (q + r,) mm: of patterns outwards, then of those of following `USUAL` more; largest:
+    mm, what they say at most of a point of a training patient's face, beyond which none is moved.
     """
 
     modes: FaceModes
-    regression: Regression
+    amplitudes: np.ndarray
     largest: float
 
     def write(self, path: str | os.PathLike) -> None:
@@ -67,35 +53,48 @@ class SourceModel:
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything as arrays, by name."""
-        state = {name: np.asarray(value) for name, value in vars(self.modes).items()}
-        state |= {_OF_REGRESSION + name: np.asarray(value) for name, value in vars(self.regression).items()}
-        return state | {"largest": np.asarray(self.largest)}
+        return {name: np.asarray(value) for name, value in (vars(self.modes) | vars(self)).items() if name != "modes"}
 
     @classmethod
     def restored(cls, state: Mapping[str, np.ndarray]) -> "SourceModel":
         """From what :meth:`state` gave."""
-        parts = {False: {}, True: {}}
-        for name, value in state.items():
-            parts[name.startswith(_OF_REGRESSION)][name.removeprefix(_OF_REGRESSION)] = value
-        largest = float(parts[False].pop("largest"))
-        return cls(FaceModes(**parts[False]), Regression(**parts[True]), largest)
+        rest = dict(state)
+        amplitudes, largest = rest.pop("amplitudes"), float(rest.pop("largest"))
+        return cls(FaceModes(**rest), amplitudes, largest)
 
 
 class PatientSources:
-    """The learned sources of one patient, made once for every plan; covariates: what else is known, by name."""
+    """The learned sources of one patient, made once for every plan."""
 
-    def __init__(self, learned: SourceModel, model: PatientModel, fem: FemSettings, covariates: Mapping, tissue=None):
-        """tissue: the patient's, where it serves several models. InputError where the face cannot be read."""
-        self._learned, self._features = learned, Features(model, covariates)
-        self.sources = (tissue or AnsweringTissue(model, fem))(learned.modes(model))
+    def __init__(self, learned: SourceModel, model: PatientModel, tissue: AnsweringTissue):
+        """InputError where the face cannot be read."""
+        self._learned, self._tissue, self._ways = learned, tissue, Ways(learned.modes, model)
 
-    def amplitudes(self, plan: Plan) -> np.ndarray:
-        """Amplitudes (q,) under a plan, smaller in proportion where a point of the face would move by more than in any
-        training patient."""
-        row, _ = self._features(plan)
-        amplitudes = self._learned.regression(row)
-        largest = np.abs(self.sources.outward @ amplitudes).max()
-        return amplitudes * min(1.0, self._learned.largest / max(largest, 1e-9))
+    def wanted(self, plan: Plan) -> np.ndarray:
+        """By how much (k, 3) mm the points of the judged face move beside what bone motion does, all of them less in
+        proportion where one would by more than any of a training patient."""
+        moved = self._ways(self._tissue.follows(plan)) @ self._learned.amplitudes
+        largest = np.linalg.norm(moved, axis=1).max()
+        return moved * min(1.0, self._learned.largest / max(largest, 1e-9))
+
+    def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+        """Force (n, 3) mN under a plan, and the displacement (n, 3) mm that answers it, to first order."""
+        return self._tissue.answer(self.wanted(plan))
+
+
+class Ways:
+    """The ways in which one patient's judged face departs from a base, each of amplitude 1 mm."""
+
+    def __init__(self, modes: FaceModes, model: PatientModel):
+        """InputError where the face cannot be read."""
+        self._patterns, _ = modes.halves(modes(model))
+        self._normals = vertex_normals(model.skin_points, model.skin_faces)[model.judged_points]
+
+    def __call__(self, follows: np.ndarray) -> np.ndarray:
+        """Displacements (k, 3, q + r) of its points, which elastic tissue moves by (k, 3) mm."""
+        outwards = self._patterns[:, None, :] * self._normals[:, :, None]
+        more = self._patterns[:, None, :FOLLOWING] * (follows / USUAL)[:, :, None]
+        return np.concatenate([outwards, more], axis=2)
 
 
 def fit(
@@ -103,76 +102,31 @@ def fit(
     bases: Sequence[np.ndarray],
     plans: Sequence[Plan],
     skins: Sequence[tuple[np.ndarray, np.ndarray]],
-    covariates: Sequence[Mapping],
+    fem: FemSettings,
 ) -> SourceModel:
-    """The model of some training patients: fields (n, 3) mm that bone motion causes, plans, skins, covariates."""
+    """The model of some training patients: fields (n, 3) mm that bone motion causes, plans, post-operative skins."""
     modes = FaceModes.of(models)
-    rows, values, squares, largest = [], [], [], 0.0
-    for model, base, plan, skin, known in zip(models, bases, plans, skins, covariates, strict=True):
-        patterns = modes(model)
-        square, amplitudes = deviation(model, base, skin, patterns)
-        largest = max(largest, np.abs(patterns @ amplitudes).max())
-        features = Features(model, known)
-        rows += features(plan)
-        values += [amplitudes, amplitudes * SIGNS]
-        squares += [square, square * np.outer(SIGNS, SIGNS)]
-    squares = np.array(squares)
-
-    def on_skin(errors: np.ndarray) -> np.ndarray:
-        # Errors count by how far they move the skin that the scan shows, mm^2.
-        return np.einsum("ra,rab,rb->r", errors, squares, errors)
-
-    owner = np.repeat(np.arange(len(models)), 2)
-    regression = regress(np.array(rows), features.group, np.array(values), owner, on_skin)
-    logging.info("amplitudes: %s, error %.2f of none's", regression.form, regression.error)
-    return SourceModel(modes, regression, float(largest))
+    follows = [AnsweringTissue(model, fem).follows(plan) for model, plan in zip(models, plans, strict=True)]
+    square, pull, shown = 0.0, 0.0, 0.0
+    for model, base, moved, skin in zip(models, bases, follows, skins, strict=True):
+        away, normals, weight = deviation(model, base, skin)
+        outward = np.einsum("kxq,kx->kq", Ways(modes, model)(moved), normals)
+        square = square + (outward.T * weight) @ outward
+        pull = pull + (outward.T * weight) @ away
+        shown += weight @ away**2
+    amplitudes = np.linalg.solve(square + PENALTY * np.eye(len(square)), pull)
+    said = [Ways(modes, model)(moved) @ amplitudes for model, moved in zip(models, follows, strict=True)]
+    largest = max(np.linalg.norm(each, axis=1).max() for each in said)
+    explained = (2 * pull - square @ amplitudes) @ amplitudes / max(shown, 1e-12)
+    logging.info("sources explain %.2f of the square, at most %.1f mm", explained, largest)
+    return SourceModel(modes, amplitudes, float(largest))
 
 
-def deviation(model: PatientModel, base, skin: tuple, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How a patient's post-operative skin (points, faces) deviates from the base (n, 3) mm along its normals, over the
-    judged face that the scan shows: square (q, q) of the patterns (k, q), areas as weights, and amplitudes (q,) mm."""
+def deviation(model: PatientModel, base, skin: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How a patient's post-operative skin (points, faces) deviates from the base (n, 3) mm at the points of the judged
+    face: along the base's normals (k,) mm, these (k, 3), and weights (k,) by area, 0 where the scan ends."""
     moved, face = model.moved_skin(base), model.judged_points
+    normals = vertex_normals(moved, model.skin_faces)[face]
     near = closest_points(moved[face], *skin)
-    away = np.einsum("kx,kx->k", near.points - moved[face], vertex_normals(moved, model.skin_faces)[face])
     area = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])[face] * ~near.border
-    area /= area.sum()
-    square = (patterns.T * area) @ patterns
-    penalty = SMOOTH * np.trace(square) / len(square) * np.eye(len(square))
-    return square, np.linalg.solve(square + penalty, (patterns.T * area) @ away)
-
-
-class Features:
-    """What amplitudes are regressed on; of the patient itself it is found once for every plan.
-
-    Motion (mm) of the skeleton's places, to the front and to the back apart, because lips follow these differently;
-    distance (mm) of the landmarks from bone, gap of the lips; covariates, NaN where they are not known.
-    """
-
-    def __init__(self, model: PatientModel, covariates: Mapping):
-        """InputError where the face cannot be read."""
-        landmarks = marks(model)
-        depth, _ = cKDTree(model.bone_points).query(landmarks)
-        known = [landmarks[3, 2] - landmarks[5, 2], *(_value(covariates, name) for name in CODES)]
-        self._model = model
-        self._still = [np.append(depths, known) for depths in (depth, sides_changed(depth))]
-        self.group = np.repeat((MOTION, TISSUE, COVARIATES), (4 * len(PLACES), len(landmarks) + 1, len(CODES)))
-
-    def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
-        """The features (f,) under a plan, and the same of the mirrored patient."""
-        moved, rows = motion_of_places(self._model, plan), []
-        for still, side, sign in zip(self._still, (str, _other_side), (1, ACROSS), strict=True):
-            motion = np.array([moved[side(name)] for name in PLACES]) * sign
-            rows.append(np.concatenate([motion.ravel(), np.maximum(motion[:, 1], 0), still]))
-        return tuple(rows)
-
-
-def _other_side(name: str) -> str:
-    swap = {"left": "right", "right": "left"}
-    stem, _, side = name.rpartition("_")
-    return f"{stem}_{swap[side]}" if side in swap else name
-
-
-def _value(covariates: Mapping, name: str) -> float:
-    """A covariate as a number, NaN if it is not known."""
-    value, code = covariates.get(name), CODES[name]
-    return np.nan if value is None else float(code(value))
+    return np.einsum("kx,kx->k", near.points - moved[face], normals), normals, area / area.sum()

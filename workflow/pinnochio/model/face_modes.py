@@ -13,7 +13,6 @@ from pinnochio.model.patient import PatientModel
 COUNTS = {1.0: 80, -1.0: 20}  # symmetric and antisymmetric patterns: more say no more of 32 patients [X]
 POINTS, WIDTH = 700, 7.0  # of half a face; mm over which the patterns are smooth at least [X]
 MIDLINE = 1.0  # mm from it on which no point stands
-SIGNS = np.repeat([*COUNTS], [*COUNTS.values()])  # of the patterns when left and right are exchanged
 
 
 @dataclass(frozen=True)
@@ -50,6 +49,10 @@ class FaceModes:
         here, there = near(places, self.points), near(places, self.points * ACROSS)
         shown = np.hstack([(here + there) @ self.even, (here - there) @ self.odd])
         return shown / np.maximum((here + there).sum(axis=1, keepdims=True), 1e-9)
+
+    def halves(self, patterns: np.ndarray) -> list[np.ndarray]:
+        """Of patterns (k, q) the symmetric ones, which come first, and the antisymmetric ones."""
+        return np.split(patterns, [self.even.shape[1]], axis=1)
 
 
 def near(places: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -75,10 +75,9 @@ class Forecaster:
         networks, settings = zip(*(load_network(file, device) for file in files), strict=True)
         lift = Lift.read(prepared.lift) if prepared.lift else None
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
-        known = read_stored_json(prepared.covariates)
         learned = list(map(load_sources, files))
         tissue = AnsweringTissue(self.patient, self._fem) if any(learned) else None
-        sources = [each and PatientSources(each, self.patient, self._fem, known, tissue) for each in learned]
+        sources = [each and PatientSources(each, self.patient, tissue) for each in learned]
         self._networks = [
             PatientGraphNetwork(network, shared, each) for network, each in zip(networks, sources, strict=True)
         ]

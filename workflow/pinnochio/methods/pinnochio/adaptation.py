@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 import torch
 from torch import Tensor, nn
 
-from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods import sources
@@ -38,6 +37,6 @@ def learned_sources(
         bases=bases,
         plans=plans,
         skins=[PostopSkin.read(files.postop).surface for files in cases],
-        covariates=[read_stored_json(files.covariates) for files in cases],
+        fem=fem,
     )
     return {name: torch.as_tensor(value) for name, value in learned.state().items()}

@@ -69,8 +69,7 @@ class GraphPredictor:
     def _of_patient(self, planned: Planned) -> "PatientGraphNetwork":
         sources, model = None, planned.patient
         if self._learned:
-            tissue = planned.once(AnsweringTissue, model, self._fem)
-            sources = PatientSources(self._learned, model, self._fem, planned.covariates, tissue)
+            sources = PatientSources(self._learned, model, planned.once(AnsweringTissue, model, self._fem))
         patient = planned.once(tensors, model, self._fem, self._settings, self._device, planned.lift)
         return PatientGraphNetwork(self.network, patient, sources)
 
@@ -113,9 +112,8 @@ class PatientGraphNetwork:
             raise FloatingPointError(f"case {plan.case!r}: the predicted displacement is not finite")
         if self.sources is None:
             return RawField(displacement, boundary)
-        amplitudes = self.sources.amplitudes(plan)
-        answer = self.sources.sources.field(amplitudes)
-        return RawField(displacement + answer, boundary + answer, self.sources.sources.load(amplitudes))
+        forces, answer = self.sources(plan)
+        return RawField(displacement + answer, boundary + answer, forces)
 
     def _run(self, signal: PlanSignal) -> InterfaceAndVolume:
         def once(shown: PlanSignal) -> InterfaceAndVolume:
