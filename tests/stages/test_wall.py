@@ -4,7 +4,7 @@ does."""
 import numpy as np
 import pytest
 
-from pinnochio.geometry.triangles import vertex_areas, vertex_normals
+from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.model.face_modes import FaceModes
 from pinnochio.model.patient import PatientModel
@@ -24,7 +24,7 @@ def face(patient):
     """Model, skin points (k,) of the judged face, normals and root of the areas there."""
     model = PatientModel.read(patient.model)
     judged = model.judged_points
-    area = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])[judged]
+    area = model.judged_areas
     return model, judged, vertex_normals(model.skin_points, model.skin_faces)[judged], np.sqrt(area)
 
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from pinnochio.geometry.triangles import vertex_areas, vertex_normals
+from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
@@ -51,7 +51,7 @@ class AnsweringTissue:
         axis; fields (l, n, 3) mm that answer them; what each does to the face times area (l, 3k); their squares with
         the penalty, factorised. InputError where the face cannot be read."""
         model, face = self._model, self._model.judged_points
-        area = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])[face]
+        area = model.judged_areas
         normals = vertex_normals(model.skin_points, model.skin_faces)[face]
         modes = FaceModes.of([model])
         patterns = modes(model) * area[:, None]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.geometry.triangles import vertex_areas, vertex_normals
+from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.hdf5 import reading, writing
 from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.mechanics.settings import FemSettings
@@ -106,16 +106,17 @@ def fit(
 ) -> SourceModel:
     """The model of some training patients: fields (n, 3) mm that bone motion causes, plans, post-operative skins."""
     modes = FaceModes.of(models)
+    ways = [Ways(modes, model) for model in models]
     follows = [AnsweringTissue(model, fem).follows(plan) for model, plan in zip(models, plans, strict=True)]
     square, pull, shown = 0.0, 0.0, 0.0
-    for model, base, moved, skin in zip(models, bases, follows, skins, strict=True):
+    for model, way, base, moved, skin in zip(models, ways, bases, follows, skins, strict=True):
         away, normals, weight = deviation(model, base, skin)
-        outward = np.einsum("kxq,kx->kq", Ways(modes, model)(moved), normals)
+        outward = np.einsum("kxq,kx->kq", way(moved), normals)
         square = square + (outward.T * weight) @ outward
         pull = pull + (outward.T * weight) @ away
         shown += weight @ away**2
     amplitudes = np.linalg.solve(square + PENALTY * np.eye(len(square)), pull)
-    said = [Ways(modes, model)(moved) @ amplitudes for model, moved in zip(models, follows, strict=True)]
+    said = (way(moved) @ amplitudes for way, moved in zip(ways, follows, strict=True))
     largest = max(np.linalg.norm(each, axis=1).max() for each in said)
     explained = (2 * pull - square @ amplitudes) @ amplitudes / max(shown, 1e-12)
     logging.info("sources explain %.2f of the square, at most %.1f mm", explained, largest)
@@ -128,5 +129,5 @@ def deviation(model: PatientModel, base, skin: tuple) -> tuple[np.ndarray, np.nd
     moved, face = model.moved_skin(base), model.judged_points
     normals = vertex_normals(moved, model.skin_faces)[face]
     near = closest_points(moved[face], *skin)
-    area = vertex_areas(model.skin_points, model.skin_faces[model.face_roi])[face] * ~near.border
+    area = model.judged_areas * ~near.border
     return np.einsum("kx,kx->k", near.points - moved[face], normals), normals, area / area.sum()

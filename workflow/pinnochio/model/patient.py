@@ -7,6 +7,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+from pinnochio.geometry.triangles import vertex_areas
 from pinnochio.hdf5 import reading, writing
 from pinnochio.plans.plan import Plan
 
@@ -92,6 +93,11 @@ class PatientModel:
     def judged_points(self) -> np.ndarray:
         """Indices (k,) of the skin points of the judged face, ascending."""
         return np.unique(self.skin_faces[self.face_roi])
+
+    @property
+    def judged_areas(self) -> np.ndarray:
+        """Area (k,) mm^2 of the judged face that each of its points stands for, at rest."""
+        return vertex_areas(self.skin_points, self.skin_faces[self.face_roi])[self.judged_points]
 
     @property
     def onto_judged(self) -> sparse.csr_array:
