@@ -1,4 +1,4 @@
-"""Loads that are learned: what scans hold of a known load is found again, and a prediction declares its load."""
+"""Faces that are held where scans say: what they hold of a known pattern is found again, and a load is declared."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from pinnochio.geometry.triangles import vertex_normals
-from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.mechanics.simulation import simulate
+from pinnochio.mechanics.solvers.newton_corrections import EQUILIBRIUM
 from pinnochio.methods.pinnochio.predictor import load_network
 from pinnochio.methods.sources import PatientSources, fit
 from pinnochio.model.face_modes import FaceModes
@@ -29,30 +29,19 @@ def faces(patients):
     return models, [Plan.read(files.plan, files.case) for files in patients]
 
 
-@pytest.fixture(scope="module")
-def tissues(patients, faces):
-    return [AnsweringTissue(head, patients[0].fem) for head in faces[0]]
-
-
 def learned(patients, faces, away):
     """The model of skins that lie off bases that are zero by so many mm (k, 3) of the judged face."""
-    models, plans = faces
+    models = faces[0]
     skins = []
     for head, shift in zip(models, away, strict=True):
         moved = head.skin_points.copy()
         moved[head.judged_points] += shift
         skins.append((moved, head.skin_faces))
-    return fit(models, [0 * head.points for head in models], plans, skins, patients[0].fem)
+    return fit(models, [0 * head.points for head in models], skins)
 
 
 def normals_of(head):
     return vertex_normals(head.skin_points, head.skin_faces)[head.judged_points]
-
-
-def shown(source, head, tissue, plan):
-    """How far (k,) mm the judged face moves outwards by what was learned, to first order."""
-    _, field = PatientSources(source, head, tissue)(plan)
-    return np.einsum("kx,kx->k", (head.moved_skin(field) - head.skin_points)[head.judged_points], normals_of(head))
 
 
 def test_nothing_is_learned_where_nothing_deviates(patients, faces):
@@ -60,38 +49,35 @@ def test_nothing_is_learned_where_nothing_deviates(patients, faces):
     assert np.abs(model.amplitudes).max() < 1e-9 and model.largest < 1e-9
 
 
-def test_a_broad_pattern_of_everyone_is_learned_and_brought_about(patients, faces, tissues):
+def test_a_broad_pattern_of_everyone_is_learned(patients, faces):
     """And no point is wanted farther off than in the training patients, however large the amplitudes are."""
     modes = FaceModes.of(faces[0])
     wanted = [modes(head)[:, [0, 2, 3]] @ [0.6, 0.3, -0.4] for head in faces[0]]
     away = [one[:, None] * normals_of(head) for one, head in zip(wanted, faces[0], strict=True)]
     model = learned(patients, faces, away)
     wild = replace(model, amplitudes=100 * model.amplitudes)
-    for one, head, plan, tissue in zip(wanted, *faces, tissues, strict=True):
-        assert np.corrcoef(shown(model, head, tissue, plan), one)[0, 1] > 0.6  # bone holds much of so coarse a face
-        far = PatientSources(wild, head, tissue).wanted(plan)
+    for one, head in zip(wanted, faces[0], strict=True):
+        shown = np.einsum("kx,kx->k", PatientSources(model, head)(0 * head.points), normals_of(head))
+        assert np.corrcoef(shown, one)[0, 1] > 0.9
+        far = PatientSources(wild, head)(0 * head.points)
         assert np.linalg.norm(far, axis=1).max() == pytest.approx(model.largest)
 
 
-def test_skin_that_follows_less_is_learned_in_all_directions(patients, faces, tissues):
+def test_skin_that_follows_less_is_learned_in_all_directions(patients, faces):
     """Scans show how far skin lies out alone; that it follows less shows in how it moves along itself too."""
-    follows = [tissue.follows(plan) for plan, tissue in zip(faces[1], tissues, strict=True)]
-    models, plans = faces
-    skins = []
-    for head, moved in zip(models, follows, strict=True):
+    solved = [simulate(head, [plan], patients[0].fem, linear=True)[0] for head, plan in zip(*faces, strict=True)]
+    bases, skins = [each.displacement for each in solved], []
+    for head, base in zip(faces[0], bases, strict=True):
         points = head.skin_points.copy()
-        points[head.judged_points] += 0.7 * moved
+        points[head.judged_points] += 0.7 * (head.onto_judged @ base)
         skins.append((points, head.skin_faces))
-    bases = [
-        simulate(head, [plan], patients[0].fem, linear=True)[0].displacement for head, plan in zip(*faces, strict=False)
-    ]
-    model = fit(models, bases, plans, skins, patients[0].fem)
-    for head, plan, tissue, moved in zip(*faces, tissues, follows, strict=True):
-        wanted = PatientSources(model, head, tissue).wanted(plan)
-        assert np.linalg.norm(wanted + 0.3 * moved) < 0.7 * np.linalg.norm(0.3 * moved)
+    model = fit(faces[0], bases, skins)
+    for head, base in zip(faces[0], bases, strict=True):
+        less = 0.3 * (head.onto_judged @ base)
+        assert np.linalg.norm(PatientSources(model, head)(base) + less) < 0.7 * np.linalg.norm(less)
 
 
-def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
+def test_what_finite_elements_leave_is_learned(patients, tmp_path):
     """The field is in equilibrium with the learned load; a millimetre more of a pattern moves the face so."""
     fitted, metrics = str(tmp_path / "fitted.h5"), {}
     learned = learn_loads(patients, fitted)
@@ -110,10 +96,10 @@ def test_what_finite_elements_leave_is_learned_as_loads(patients, tmp_path):
     fields = [read_prediction(str(tmp_path / f"{name}.h5"), patients[0].case) for name in metrics]
     moved = (fields[1].moved_skin(model) - fields[0].moved_skin(model))[model.judged_points]
     pushed = np.einsum("kx,kx->k", moved, normals_of(model))
-    assert 0.4 < np.median(pushed) < 1.5  # the broadest pattern is a millimetre everywhere, but for where bone holds
+    assert 0.7 < np.median(pushed) < 1.1  # the broadest pattern is a millimetre everywhere
 
 
-def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
+def test_what_a_network_leaves_is_learned_too(patients, tmp_path):
     """Its weights stay as they are; its corrected field comes near to equilibrium with the load that it declares."""
     network = CONFIG["network"] | {"volume_layers": 1, "boundary_layers": 1, "channels": 8}
     settings = {"network": network, "fem": CONFIG["fem"], "newton_corrections": 3}
@@ -148,4 +134,4 @@ def test_what_a_network_leaves_is_learned_as_loads_too(patients, tmp_path):
     predict_by("pinnochio.predictor:GraphPredictor", patients[0], predictions, trained=last["network"], **settings)
     row, made = measured(patients[0], predictions, metrics).loc[0], read_prediction(predictions, patients[0].case)
     assert made.forces.any() and row["load_rel"] > 0
-    assert row["eqres_rel"] < 0.1 * row["raw_eqres_rel"]
+    assert row["eqres_rel"] < EQUILIBRIUM

@@ -1,11 +1,11 @@
-"""The wall between generator and methods: no load that a method may take does to the skin what a term of the outcome
-does."""
+"""The wall between generator and methods: no pattern that a method may learn does to the skin what a term of the
+outcome does."""
 
 import numpy as np
 import pytest
 
 from pinnochio.geometry.triangles import vertex_normals
-from pinnochio.mechanics.load_sources import AnsweringTissue
+from pinnochio.mechanics.held_face import HeldFace
 from pinnochio.model.face_modes import FaceModes
 from pinnochio.model.patient import PatientModel
 from pinnochio.virtual.aftermath import DECIDED, OPEN, RESPONSE, Circumstances, Site, read_landmarks
@@ -35,7 +35,7 @@ def responses(fields, face):
     return outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
 
 
-def test_no_load_of_a_method_is_a_term_of_the_outcome(patient, face):
+def test_no_pattern_of_a_method_is_a_term_of_the_outcome(patient, face):
     model = face[0]
     site = Site(model.skin_points, (model.skin_points, model.skin_faces), read_landmarks(patient.landmarks))
     terms = {name: site.field(decide(OPERATED)) for name, decide in DECIDED.items()}
@@ -45,13 +45,13 @@ def test_no_load_of_a_method_is_a_term_of_the_outcome(patient, face):
         moved = np.tile([0.0, -3, 1], (len(model.skin_points), 1))
         terms[name] = OPEN[name](site, moved, OPERATED, np.random.default_rng(0))
 
-    tissue, modes = AnsweringTissue(model, patient.fem), FaceModes.of([model])
+    held, modes = HeldFace(model, patient.fem), FaceModes.of([model])
     outwards, _ = modes.halves(modes(model))
-    answers = [tissue.answer(pattern[:, None] * face[2])[1] for pattern in outwards.T]
+    answers = [held.answer(pattern[:, None] * face[2]) for pattern in outwards.T]
     loads = [model.moved_skin(field) - model.skin_points for field in answers]
     alike = np.abs(responses(list(terms.values()), face) @ responses(loads, face).T)
     worst = {name: alike[row].max() for row, name in enumerate(terms)}
     assert max(worst.values()) < ALIKE, worst
-    # The test sees a load that is a term.
+    # The test sees a pattern that is a term.
     posed = responses([loads[0] + 0.1 * loads[1]], face) @ responses(loads[:1], face).T
     assert posed.item() > ALIKE

@@ -1,4 +1,4 @@
-"""Finite elements with sources: the bone's motion by mechanics, what it does not explain by loads that are learned."""
+"""Finite elements with sources: the bone's motion by mechanics, what it does not explain by a face that is held."""
 
 import logging
 import weakref
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pinnochio.mechanics.load_sources import AnsweringTissue
+from pinnochio.mechanics.held_face import HeldFace
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator, simulate
 from pinnochio.methods import sources
@@ -31,7 +31,7 @@ def fit(
         (solved,) = simulate(model, [plan], fem)
         logging.info("%s: %s", plan.case, solved.reason)
         bases.append(solved.displacement)
-    return sources.fit(models, bases, plans, skins, fem)
+    return sources.fit(models, bases, skins)
 
 
 class LearnedLoadPredictor:
@@ -41,15 +41,18 @@ class LearnedLoadPredictor:
         self._fem, self._learned, self._threads = FemSettings(**settings["fem"]), SourceModel.read(trained), threads
 
     def __call__(self, planned: Planned) -> Prediction:
-        """Equilibrium under the plan and the learned loads; a solve that stops early is returned as such."""
+        """Equilibrium under the plan, then with the face held; a solve that stops early is returned as such."""
         plan = planned.plan
 
         def prepare():
-            learned, simulator = planned.once(self._of_patient, planned)
+            learned = planned.once(PatientSources, self._learned, planned.patient)
+            held, free, holding = planned.once(self._simulators, planned.patient)
 
             def predict():
-                forces, _ = learned(plan)
-                return forces, simulator.solve([plan], [forces])[0]
+                base = free.solve([plan])[0].displacement
+                pull = held.pull(learned(base), base)
+                result = holding.solve([plan], [pull])[0]
+                return held.force(pull, result.displacement), result
 
             return predict
 
@@ -67,8 +70,10 @@ class LearnedLoadPredictor:
             forces=forces,
         )
 
-    def _of_patient(self, planned: Planned) -> tuple[PatientSources, Simulator]:
-        learned = PatientSources(self._learned, planned.patient, AnsweringTissue(planned.patient, self._fem))
-        simulator = Simulator(planned.patient, self._fem)
-        weakref.finalize(learned, simulator.close)
-        return learned, simulator
+    def _simulators(self, patient: PatientModel) -> tuple[HeldFace, Simulator, Simulator]:
+        """A patient's springs, and the solvers without and with them."""
+        held = HeldFace(patient, self._fem)
+        solvers = Simulator(patient, self._fem), Simulator(patient, self._fem, loads=held.loads)
+        for solver in solvers:
+            weakref.finalize(held, solver.close)
+        return held, *solvers

@@ -2,8 +2,8 @@
 
 Of a base, a field that says how the face follows the bone, training patients' scans show two things in which they are
 alike: smooth patterns (:mod:`pinnochio.model.face_modes`) by which skin lies farther out or in, and by how much more or
-less than elastic tissue it follows, the ratio of soft to hard tissue that surgeons know. One least-squares fit over the
-scans of all finds both. Of a new patient, loads on the skin bring them about (:mod:`pinnochio.mechanics.load_sources`).
+less than the base it follows, the ratio of soft to hard tissue that surgeons know. One least-squares fit over the scans
+of all finds both. A new patient's face is held there by springs (:mod:`pinnochio.mechanics.held_face`).
 """
 
 import logging
@@ -16,11 +16,8 @@ import numpy as np
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.hdf5 import reading, writing
-from pinnochio.mechanics.load_sources import AnsweringTissue
-from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.face_modes import FaceModes
 from pinnochio.model.patient import PatientModel
-from pinnochio.plans.plan import Plan
 
 FOLLOWING = 6  # patterns, the broadest, of by how much more the skin follows [X]
 USUAL = 3.0  # mm by which skin follows: so much more of it counts in the penalty as a millimetre outwards does [I]
@@ -66,20 +63,16 @@ class SourceModel:
 class PatientSources:
     """The learned sources of one patient, made once for every plan."""
 
-    def __init__(self, learned: SourceModel, model: PatientModel, tissue: AnsweringTissue):
+    def __init__(self, learned: SourceModel, model: PatientModel):
         """InputError where the face cannot be read."""
-        self._learned, self._tissue, self._ways = learned, tissue, Ways(learned.modes, model)
+        self._learned, self._onto, self._ways = learned, model.onto_judged, Ways(learned.modes, model)
 
-    def wanted(self, plan: Plan) -> np.ndarray:
-        """By how much (k, 3) mm the points of the judged face move beside what bone motion does, all of them less in
+    def __call__(self, base: np.ndarray) -> np.ndarray:
+        """By how much (k, 3) mm the points of the judged face move beside the base (n, 3) mm, all of them less in
         proportion where one would by more than any of a training patient."""
-        moved = self._ways(self._tissue.follows(plan)) @ self._learned.amplitudes
+        moved = self._ways(self._onto @ base) @ self._learned.amplitudes
         largest = np.linalg.norm(moved, axis=1).max()
         return moved * min(1.0, self._learned.largest / max(largest, 1e-9))
-
-    def __call__(self, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
-        """Force (n, 3) mN under a plan, and the displacement (n, 3) mm that answers it, to first order."""
-        return self._tissue.answer(self.wanted(plan))
 
 
 class Ways:
@@ -91,7 +84,7 @@ class Ways:
         self._normals = vertex_normals(model.skin_points, model.skin_faces)[model.judged_points]
 
     def __call__(self, follows: np.ndarray) -> np.ndarray:
-        """Displacements (k, 3, q + r) of its points, which elastic tissue moves by (k, 3) mm."""
+        """Displacements (k, 3, q + r) of its points, which the base moves by (k, 3) mm."""
         outwards = self._patterns[:, None, :] * self._normals[:, :, None]
         more = self._patterns[:, None, :FOLLOWING] * (follows / USUAL)[:, :, None]
         return np.concatenate([outwards, more], axis=2)
@@ -100,14 +93,12 @@ class Ways:
 def fit(
     models: Sequence[PatientModel],
     bases: Sequence[np.ndarray],
-    plans: Sequence[Plan],
     skins: Sequence[tuple[np.ndarray, np.ndarray]],
-    fem: FemSettings,
 ) -> SourceModel:
-    """The model of some training patients: fields (n, 3) mm that bone motion causes, plans, post-operative skins."""
+    """The model of some training patients: fields (n, 3) mm that bone motion causes, and post-operative skins."""
     modes = FaceModes.of(models)
     ways = [Ways(modes, model) for model in models]
-    follows = [AnsweringTissue(model, fem).follows(plan) for model, plan in zip(models, plans, strict=True)]
+    follows = [model.onto_judged @ base for model, base in zip(models, bases, strict=True)]
     square, pull, shown = 0.0, 0.0, 0.0
     for model, way, base, moved, skin in zip(models, ways, bases, follows, skins, strict=True):
         away, normals, weight = deviation(model, base, skin)

@@ -9,13 +9,11 @@ import numpy as np
 
 from pinnochio.json_text import read_stored_json
 from pinnochio.mechanics.lift import Lift
-from pinnochio.mechanics.load_sources import AnsweringTissue
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
 from pinnochio.mechanics.solvers.linear_algebra import Workers
-from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import tensors
-from pinnochio.methods.pinnochio.predictor import PatientGraphNetwork, load_network, load_sources
+from pinnochio.methods.pinnochio.predictor import Finishing, PatientGraphNetwork, load_network, load_sources
 from pinnochio.methods.sources import PatientSources
 from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
@@ -75,13 +73,10 @@ class Forecaster:
         networks, settings = zip(*(load_network(file, device) for file in files), strict=True)
         lift = Lift.read(prepared.lift) if prepared.lift else None
         shared = tensors(self.patient, self._fem, settings[0], device, lift)  # the folds' networks have one form
-        learned = list(map(load_sources, files))
-        tissue = AnsweringTissue(self.patient, self._fem) if any(learned) else None
-        sources = [each and PatientSources(each, self.patient, tissue) for each in learned]
-        self._networks = [
-            PatientGraphNetwork(network, shared, each) for network, each in zip(networks, sources, strict=True)
-        ]
-        self._finish = [Finish(self.patient, self._fem, prepared.corrections) for _ in range(threads)]
+        learned = map(load_sources, files)
+        self._sources = [each and PatientSources(each, self.patient) for each in learned]
+        self._networks = [PatientGraphNetwork(network, shared) for network in networks]
+        self._finishing = [Finishing(self.patient, self._fem, prepared.corrections) for _ in range(threads)]
         self._correcting = Workers(threads)
         self._predicting = self._correcting if device == "cpu" else Workers(1)  # a GPU records one at a time
         little = RigidMotion(translation=np.array([0.0, -1, 0]))
@@ -95,17 +90,19 @@ class Forecaster:
         """
         began = time.perf_counter()
         fields = self._predicting.each(PatientGraphNetwork.__call__, [(network, plan) for network in self._networks])
-        raw = [field.displacement for field in fields]
+        sources = [None if plan.still else each for each in self._sources]
+        pairs = list(zip(fields, sources, strict=True))
+        raw = [self._finishing[0].first_look(*pair) for pair in pairs]
         yield self._forecast(plan, interval(self.patient, raw, self.calibration, self._region), None, began)
         finished = []
-        for first in range(0, len(fields), len(self._finish)):
-            some = zip(self._finish, fields[first:], strict=False)
-            finished += self._correcting.each(Finish.__call__, [(each, *field, first > 0) for each, field in some])
+        for first in range(0, len(pairs), len(self._finishing)):
+            some = zip(self._finishing, pairs[first:], strict=False)
+            finished += self._correcting.each(Finishing.__call__, [(each, *pair, first > 0) for each, pair in some])
             yield None
         result, repair = repaired_interval(
-            self.patient, [field for field, *_ in finished], self.calibration, self._fem, self._region
+            self.patient, [each.displacement for each in finished], self.calibration, self._fem, self._region
         )
-        repairs = [repair, *(each for _, each, _ in finished)]
+        repairs = [repair, *(each.repair for each in finished)]
         yield self._forecast(plan, result, repair.least, began, repairs)
 
     def __call__(self, plan: Plan) -> Forecast:

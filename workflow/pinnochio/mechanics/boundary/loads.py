@@ -1,4 +1,5 @@
-"""Forces on a mesh beside those of its elements: dead forces at nodes, and a tension of surfaces that was there before.
+"""Forces on a mesh beside those of its elements: dead forces, springs that hold nodes, and a tension of surfaces that
+was there before.
 
 The tension T (mN/mm) of a surface that is in equilibrium at rest, with whatever it presses on, acts by its change
 alone: the second-order part of its energy, T/2 sum of A |grad u|^2 over the triangles with their area A at rest
@@ -18,17 +19,21 @@ from pinnochio.geometry.triangles import face_normals
 
 @dataclass(frozen=True)
 class Loads:
-    """forces (n, 3) mN at the end, applied in proportion; faces (f, 3) of the mesh with their tension (f,) mN/mm."""
+    """forces (n, 3) mN at the end, applied in proportion; faces (f, 3) of the mesh with their tension (f,) mN/mm.
+
+    springs (n, n) mN/mm, for each axis alike, resist displacement; what they pull by at rest is among the forces.
+    """
 
     forces: np.ndarray
     faces: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), int))
     tension: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    springs: sparse.csr_array | None = None
 
 
 class OuterForces:
     """Energy, its gradient and its Hessian of the loads of one mesh, points (n, 3) mm; of none without loads.
 
-    pairs (c, 2): node pairs a <= b that the tension couples; blocks (c, 3, 3) in mN/mm: the Hessian there.
+    pairs (c, 2): node pairs a <= b that tension and springs couple; blocks (c, 3, 3) in mN/mm: the Hessian there.
     """
 
     def __init__(self, points, loads: Loads | None):
@@ -39,7 +44,8 @@ class OuterForces:
             raise InputError("-", "loads", f"forces of shape {self.forces.shape}", "give (n, 3), finite, in mN")
         if len(tension) != len(faces) or not np.isfinite(tension).all() or (np.asarray(tension) < 0).any():
             raise InputError("-", "loads", "tension must be finite, not negative, one per triangle", "mend it")
-        self._couple(surface_stiffness(points, np.asarray(faces, int), np.asarray(tension, float)))
+        stiffness = surface_stiffness(points, np.asarray(faces, int), np.asarray(tension, float))
+        self._couple(stiffness if loads.springs is None else sparse.csr_array(stiffness + loads.springs))
 
     def _couple(self, stiffness: sparse.csr_array) -> None:
         self.stiffness, upper = stiffness, sparse.triu(stiffness).tocoo()
@@ -52,7 +58,7 @@ class OuterForces:
         return self.stiffness.nnz > 0 or bool(self.forces.any())
 
     def under(self, forces) -> "OuterForces":
-        """The same tension with other dead forces (n, 3) mN, as another plan has them; none for None."""
+        """The same tension and springs with other dead forces (n, 3) mN, as another plan has them; none for None."""
         other = copy.copy(self)
         other.forces = np.zeros_like(self.forces) if forces is None else np.asarray(forces, float)
         return other

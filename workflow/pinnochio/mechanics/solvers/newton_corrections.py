@@ -9,6 +9,7 @@ import numpy as np
 from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
+from pinnochio.mechanics.boundary.loads import Loads
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import VOLUMETRIC, ElementArrays, Elements, deformation, patch_bulk
 from pinnochio.mechanics.settings import FemSettings, SolverSettings
@@ -45,10 +46,11 @@ class Correction:
 class Corrector:
     """Newton corrections of fields on one mesh with the nodes `prescribed` (p,); serves every plan.
 
-    points (n, 3) mm, cells (m, 4). Each correction solves its system by conjugate gradients on the factors of an
-    earlier one of the same plan, or on its own where that costs less, as the solver does. Factors of the tangent at
-    rest, which serve every plan, were tried: they take 14 to 24 iterations where those of the first correction take 4
-    to 8, more than the one factorisation that they save costs [X].
+    points (n, 3) mm, cells (m, 4); loads: their springs and tension act under every plan. Each correction solves its
+    system by conjugate gradients on the factors of an earlier one of the same plan, or on its own where that costs
+    less, as the solver does. Factors of the tangent at rest, which serve every plan, were tried: they take 14 to 24
+    iterations where those of the first correction take 4 to 8, more than the one factorisation that they save costs
+    [X].
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class Corrector:
         prescribed,
         volumetric: str = VOLUMETRIC[0],
         linear_solver: str = "auto",
+        loads: Loads | None = None,
     ):
         self._nodes = np.asarray(prescribed, int)
         self._motion = np.zeros((len(self._nodes), 3))  # of these nodes, mm, under the plan at hand
@@ -71,14 +74,14 @@ class Corrector:
             max_systems=1000,
             linear_solver=linear_solver,
         )
-        boundary = BoundaryConditions(self._nodes, lambda fraction: self._motion)
+        boundary = BoundaryConditions(self._nodes, lambda fraction: self._motion, loads=loads)
         self._newton = Newton(points, cells, material, boundary, options)
 
     @classmethod
-    def of(cls, patient: PatientModel, settings: FemSettings, nodes) -> "Corrector":
+    def of(cls, patient: PatientModel, settings: FemSettings, nodes, loads: Loads | None = None) -> "Corrector":
         """Corrections on a patient's mesh with prescribed nodes (p,), by the study's law and solver."""
         law = settings.material(patient.tissue)
-        return cls(patient.points, patient.cells, law, nodes, settings.volumetric, settings.linear_solver)
+        return cls(patient.points, patient.cells, law, nodes, settings.volumetric, settings.linear_solver, loads)
 
     def corrections(
         self, start, prescribed, steps: int, tolerance: float = 0.0, forces=None, alike: bool = False
@@ -159,10 +162,11 @@ class Corrector:
 
 class Finish:
     """The end of every network's prediction on one patient: the inversion repair, then Newton corrections, `steps` at
-    most and none below a residual of EQUILIBRIUM."""
+    most and none below a residual of EQUILIBRIUM; loads: as of the :class:`Corrector`."""
 
-    def __init__(self, patient: PatientModel, settings: FemSettings, steps: int):
-        self._patient, self._settings, self._steps, self._corrector = patient, settings, steps, None
+    def __init__(self, patient: PatientModel, settings: FemSettings, steps: int, loads: Loads | None = None):
+        self._patient, self._settings, self._steps, self._loads = patient, settings, steps, loads
+        self._corrector: Corrector | None = None
 
     def __call__(self, displacement, boundary, forces=None, alike: bool = False) -> tuple[np.ndarray, Repair, int]:
         """Displacement (n, 3) mm, what the inversion repair did, and how many corrections were made; as of `all`."""
@@ -186,7 +190,7 @@ class Finish:
             return [Correction(displacement, 0.0, np.nan, repair.least, 0.0, np.nan)], repair
         nodes, prescribed = interface(patient, boundary)
         if self._corrector is None:
-            self._corrector = Corrector.of(patient, settings, nodes)
+            self._corrector = Corrector.of(patient, settings, nodes, self._loads)
             weakref.finalize(self, self._corrector.close)
         return self._corrector.corrections(displacement, prescribed, self._steps, tolerance, forces, alike), repair
 

@@ -26,17 +26,10 @@ def learned_sources(
 
     Tensors of one patient at a time are held.
     """
-    models, bases, plans = [], [], []
+    models, bases = [], []
     for patient, files in zip(patients, cases, strict=True):
-        plans.append(Plan.read(files.plan, files.case))
         finish = Finish(patient.model, fem, corrections)
-        bases.append(finish(*PatientGraphNetwork(network, patient)(plans[-1]))[0])
+        bases.append(finish(*PatientGraphNetwork(network, patient)(Plan.read(files.plan, files.case)))[0])
         models.append(patient.model)
-    learned = sources.fit(
-        models=models,
-        bases=bases,
-        plans=plans,
-        skins=[PostopSkin.read(files.postop).surface for files in cases],
-        fem=fem,
-    )
+    learned = sources.fit(models, bases, [PostopSkin.read(files.postop).surface for files in cases])
     return {name: torch.as_tensor(value) for name, value in learned.state().items()}

@@ -9,12 +9,14 @@ import numpy as np
 import torch
 from torch import nn
 
-from pinnochio.mechanics.load_sources import AnsweringTissue
+from pinnochio.mechanics.held_face import HeldFace
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.solvers.inversion_repair import Repair
 from pinnochio.mechanics.solvers.newton_corrections import Finish
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.methods.protocol import Planned
 from pinnochio.methods.sources import PatientSources, SourceModel
+from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
 from pinnochio.networks.building import build
 from pinnochio.networks.settings import NetworkSettings
@@ -39,65 +41,101 @@ class GraphPredictor:
 
     def __call__(self, planned: Planned) -> Prediction:
         """Displacement and boundary of every node, with what the inversion repair did."""
-        finish = planned.once(Finish, planned.patient, self._fem, self._corrections)
+        finishing = planned.once(Finishing, planned.patient, self._fem, self._corrections)
 
         def prepare():
-            network = planned.once(self._of_patient, planned)
+            network, sources = planned.once(self._of_patient, planned)
 
             def predict():
                 raw = network(planned.plan)
-                return raw, *finish(*raw)
+                return raw, finishing(raw, None if planned.plan.still else sources)
 
             return predict
 
-        (raw, displacement, repair, corrections), seconds, setup = timed(prepare, planned.warm)
-        logging.info("%s: %s", planned.case, repair)
+        (raw, finished), seconds, setup = timed(prepare, planned.warm)
+        logging.info("%s: %s", planned.case, finished.repair)
         return Prediction(
-            displacement,
+            finished.displacement,
             seconds,
             setup + (planned.lift.seconds if planned.lift else 0.0),
             self._threads,
             self._device,
-            iterations=corrections,
-            boundary=raw.boundary,
+            iterations=finished.corrections,
+            boundary=finished.boundary,
             raw=raw.displacement,
-            forces=raw.forces,
-            repaired=repair.elements,
-            damping=repair.damping,
+            forces=finished.forces,
+            repaired=finished.repair.elements,
+            damping=finished.repair.damping,
         )
 
-    def _of_patient(self, planned: Planned) -> "PatientGraphNetwork":
-        sources, model = None, planned.patient
-        if self._learned:
-            sources = PatientSources(self._learned, model, planned.once(AnsweringTissue, model, self._fem))
-        patient = planned.once(tensors, model, self._fem, self._settings, self._device, planned.lift)
-        return PatientGraphNetwork(self.network, patient, sources)
+    def _of_patient(self, planned: Planned) -> tuple["PatientGraphNetwork", PatientSources | None]:
+        patient = planned.once(tensors, planned.patient, self._fem, self._settings, self._device, planned.lift)
+        sources = self._learned and planned.once(PatientSources, self._learned, planned.patient)
+        return PatientGraphNetwork(self.network, patient), sources
 
 
 class RawField(NamedTuple):
     """What a network says of a plan: displacement (n, 3) mm of every node, and of the interface nodes as P_bnd gives
-    it; forces (n, 3) mN: the load of the learned sources, which the displacement has answered to first order, or None.
-    """
+    it."""
 
     displacement: np.ndarray
     boundary: np.ndarray
-    forces: np.ndarray | None = None
+
+
+class Finished(NamedTuple):
+    """A field (n, 3) mm that is given out, one (n, 3) mm that says where its interface was put, the load (n, 3) mN that
+    it declares or None, what the inversion repair did, and how many corrections were made."""
+
+    displacement: np.ndarray
+    boundary: np.ndarray
+    forces: np.ndarray | None
+    repair: Repair
+    corrections: int
+
+
+class Finishing:
+    """The end of every network's prediction on one patient: the field is repaired and corrected and then, where sources
+    were learned with the network, its face held where they say, and corrected again."""
+
+    def __init__(self, patient: PatientModel, fem: FemSettings, steps: int):
+        self._held = HeldFace(patient, fem)
+        self._free, self._holding = Finish(patient, fem, steps), Finish(patient, fem, steps, self._held.loads)
+
+    def first_look(self, raw: RawField, sources: PatientSources | None) -> np.ndarray:
+        """The field (n, 3) mm to first order, nothing repaired or corrected."""
+        if sources is None:
+            return raw.displacement
+        return raw.displacement + self._held.answer(sources(raw.displacement))
+
+    def __call__(self, raw: RawField, sources: PatientSources | None = None, alike: bool = False) -> Finished:
+        """alike: another network's field of the same plan was finished just before."""
+        base, repair, made = self._free(*raw, alike=alike)
+        if sources is None:
+            return Finished(base, raw.boundary, None, repair, made)
+        wanted = sources(base)
+        start, pull = base + self._held.answer(wanted), self._held.pull(wanted, base)
+        field, again, more = self._holding(start, start, pull, alike)
+        return Finished(field, start, self._held.force(pull, field), max(repair, again, key=_size), made + more)
+
+
+def _size(repair: Repair) -> tuple[float, int]:
+    return -repair.damping, repair.elements
 
 
 class PatientGraphNetwork:
     """A trained network on one patient: what belongs to the patient is computed once and serves every plan.
 
-    sources: those that were learned with it, if any. On a GPU the first plan records the kernels, and every later one
+    On a GPU the first plan records the kernels, and every later one
     replays them without the cost of their launches.
     """
 
-    def __init__(self, network: nn.Module, patient: PatientTensors, sources: PatientSources | None = None):
-        self.network, self.patient, self.sources, self._recorded = network, patient, sources, None
+    def __init__(self, network: nn.Module, patient: PatientTensors):
+        self.network, self.patient, self._recorded = network, patient, None
         with torch.inference_mode():
             self._rest = network.encode_rest(patient.anatomy)
 
     def __call__(self, plan: Plan) -> RawField:
-        """The field, float64; exactly zero for a plan that moves nothing, whatever was learned.
+        """The field, float64; exactly zero for a plan that moves nothing.
 
         FloatingPointError if the network gives no number.
         """
@@ -110,10 +148,7 @@ class PatientGraphNetwork:
             displacement, boundary = (x.cpu().numpy().astype(float) for x in (output.displacement, boundary))
         if not np.isfinite(displacement).all():
             raise FloatingPointError(f"case {plan.case!r}: the predicted displacement is not finite")
-        if self.sources is None:
-            return RawField(displacement, boundary)
-        forces, answer = self.sources(plan)
-        return RawField(displacement + answer, boundary + answer, forces)
+        return RawField(displacement, boundary)
 
     def _run(self, signal: PlanSignal) -> InterfaceAndVolume:
         def once(shown: PlanSignal) -> InterfaceAndVolume:
