@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pinnochio.mechanics.held_face import HeldFace
+from pinnochio.mechanics.held_face import SHARES, HeldFace
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.simulation import Simulator, simulate
 from pinnochio.methods import sources
@@ -50,8 +50,12 @@ class LearnedLoadPredictor:
 
             def predict():
                 base = free.solve([plan])[0].displacement
-                pull = held.pull(learned(base), base)
-                result = holding.solve([plan], [pull])[0]
+                wanted = learned(base)
+                for share in SHARES:
+                    pull = held.pull(share * wanted, base)
+                    result = holding.solve([plan], [pull])[0]
+                    if result.converged:
+                        break
                 return held.force(pull, result.displacement), result
 
             return predict

@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from pinnochio.mechanics.held_face import HeldFace
+from pinnochio.mechanics.held_face import SHARES, HeldFace
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
-from pinnochio.mechanics.solvers.newton_corrections import Finish
+from pinnochio.mechanics.solvers.newton_corrections import EQUILIBRIUM, Finish
 from pinnochio.methods.pinnochio.patient import PatientTensors, tensors
 from pinnochio.methods.protocol import Planned
 from pinnochio.methods.sources import PatientSources, SourceModel
@@ -113,9 +113,15 @@ class Finishing:
         if sources is None:
             return Finished(base, raw.boundary, None, repair, made)
         wanted = sources(base)
-        start, pull = base + self._held.answer(wanted), self._held.pull(wanted, base)
-        field, again, more = self._holding(start, start, pull, alike)
-        return Finished(field, start, self._held.force(pull, field), max(repair, again, key=_size), made + more)
+        answer = self._held.answer(wanted)
+        for share in SHARES:
+            start, pull = base + share * answer, self._held.pull(share * wanted, base)
+            states, again = self._holding.all(start, start, pull, alike)
+            made += len(states) - 1
+            if states[-1].residual <= EQUILIBRIUM or states[-1].share == 1:  # else they do not get on
+                break
+        field = states[-1].displacement
+        return Finished(field, start, self._held.force(pull, field), max(repair, again, key=_size), made)
 
 
 def _size(repair: Repair) -> tuple[float, int]:
