@@ -6,9 +6,11 @@ python workflow/predict.py patient=FOLDER [models=ARCHIVE] [predict='{method: fe
 import argparse
 import os
 import sys
-from collections.abc import Mapping
-from functools import reduce
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial, reduce
 from importlib import import_module
+from multiprocessing import get_context
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
@@ -21,7 +23,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 import yaml  # noqa: E402
 
 from pinnochio.code import ROOT  # noqa: E402
-from pinnochio.errors import InputError  # noqa: E402
+from pinnochio.errors import InputError, StorageError  # noqa: E402
 from pinnochio.logs import attach_log, warnings_in  # noqa: E402
 from pinnochio.mechanics.settings import FemSettings  # noqa: E402
 from pinnochio.overlays import overlaid  # noqa: E402
@@ -32,13 +34,13 @@ from pinnochio.study.patients import Patient, oddities  # noqa: E402
 from pinnochio.study.schema import checked, read_schema, refuse_doubled  # noqa: E402
 from pinnochio.study.study import Study  # noqa: E402
 from scripts.patient.check_cohort import check_cohort  # noqa: E402
-from scripts.patient.import_case import SEGMENTED, import_case, settings_of  # noqa: E402
+from scripts.patient.import_case import SURFACES, import_case, settings_of  # noqa: E402
 from scripts.patient.model_patient import model_patient  # noqa: E402
 from scripts.patient.show_quality import show_quality  # noqa: E402
 from scripts.patient.show_segments import show_segments  # noqa: E402
 from scripts.patients.predict_plan import predict_plan  # noqa: E402
 
-IMPORTED = dict(zip(SEGMENTED, ("labels.nii.gz", "bone.vtp", "skin.vtp", "import.json"), strict=True))
+IMPORTED = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "import.json"}
 MODELLED = {"mesh": "mesh.vtu", "model": "model.h5", "quality": "quality.json"}
 PREDICTED = {"certificate": "certificate.json", "page": "index.html", "measures": "measures.csv"}
 PREDICTED |= {"mesh": "deformed.vtu", "bones": "bones"}
@@ -69,20 +71,28 @@ def predict_patient(patient: Patient, folder: str, inputs: RuleInputs) -> tuple[
     config, predictor, ensemble = patient.config, inputs.prediction.predictor(job), inputs.prediction.ensemble(job)
     outs = {plan: f"{folder}/{plan}/{job.method}" for plan in patient.plans}
     pages = [f"{out}/{PREDICTED['page']}" for out in outs.values()]
-    imported = bring(patient, folder, inputs.patient.markups(job), inputs.patient.covariates(job))
-    ahead = [predictor.partition(":")[0], "pyvista.plotting"] if not all(map(os.path.isfile, pages)) else []
-    loading = Thread(target=lambda: list(map(import_module, ahead)))  # two seconds beside the mesh
-    loading.start()
     fem, files = FemSettings(**config["fem"]), {name: f"{folder}/{file}" for name, file in MODELLED.items()}
-    model_patient(
+    imported = {name: f"{folder}/{file}" for name, file in IMPORTED.items()}
+    bringing = partial(bring, patient, folder, inputs.patient.markups(job), inputs.patient.covariates(job), imported)
+    modelling = partial(
+        model_patient,
         case=job.case,
         imported=imported,
         mesh_settings={name: config["mesh"][name] for name in ("nodes", "minimum_dihedral")},
         interfaces=config["interfaces"],
         controls=config["lift"]["controls"],
         fem=fem,
-        outputs=files | ({"lift": f"{folder}/lift_elastic.h5"} if inputs.patient.lift else {}),
     )
+    bringing(("covariates", "labels"))
+    ahead = [predictor.partition(":")[0], "pyvista.plotting"] if not all(map(os.path.isfile, pages)) else []
+    loading = Thread(target=lambda: list(map(import_module, ahead)))  # two seconds beside the mesh
+    with ProcessPoolExecutor(1, get_context("fork")) as beside:
+        others = beside.submit(bringing, ("surfaces", "plan"))
+        loading.start()
+        modelling(outputs={"mesh": files["mesh"]})
+        others.result()
+    check_cohort(cases=[job.case], reports=[imported["report"]], table=f"{folder}/imported.csv")
+    modelling(outputs=files | ({"lift": f"{folder}/lift_elastic.h5"} if inputs.patient.lift else {}))
     loading.join()
     about = {"code": inputs.patients.predicts, "corrections": patient.choice.corrections}
     made = {}
@@ -114,25 +124,30 @@ def predict_patient(patient: Patient, folder: str, inputs: RuleInputs) -> tuple[
     return pages, files["model"], imported
 
 
-def bring(patient: Patient, folder: str, markups: list[str], covariates: Mapping | None) -> dict[str, str]:
-    """Import what is brought of a patient, all of which is so read and checked before the dearer stages; its files."""
-    config, made = patient.config, {name: f"{folder}/{file}" for name, file in IMPORTED.items()}
+def bring(
+    patient: Patient, folder: str, markups: list[str], covariates: Mapping | None, made: Mapping, kinds: Sequence[str]
+) -> None:
+    """Import kinds of what is brought of a patient, covariates, labels, surfaces or plan, to the files of IMPORTED."""
+    config = patient.config
     params = {**config, **config["osteotomy"], "bone_edge": config["mesh"]["bone_edge"], "foreign": True}
     params |= {key: config["registration"][f"segment_{key}"] for key in ("limit", "share")}
     files = {"segmentation": patient.segmentation, "volume": patient.volume or None, "markups": markups, **made}
-    parts = [("covariates", folder, {"covariates": f"{folder}/covariates.json"}), ("segmentation", folder, made)]
-    parts += [("plan", f"{folder}/{plan}", {"plan": f"{folder}/{plan}/plan.json"}) for plan in patient.plans]
-    for kind, place, outputs in parts:
-        import_case(
-            case=patient.name,
-            files=files | {"source": patient.plans.get(Path(place).name)},
-            outputs=outputs,
-            **settings_of(params),
-            known=covariates if kind == "covariates" else None,
-            record=f"{place}/.import_{kind}.json",
-        )
-    check_cohort(cases=[patient.name], reports=[made["report"]], table=f"{folder}/imported.csv")
-    return made
+    parts = [
+        ("covariates", "covariates", folder, {"covariates": f"{folder}/covariates.json"}),
+        ("labels", "segmentation", folder, {"labels": made["labels"]}),
+        ("surfaces", "segmentation", folder, {name: made[name] for name in SURFACES}),
+        *(("plan", "plan", f"{folder}/{plan}", {"plan": f"{folder}/{plan}/plan.json"}) for plan in patient.plans),
+    ]
+    for kind, rule, place, outputs in parts:
+        if kind in kinds:
+            import_case(
+                case=patient.name,
+                files=files | {"source": patient.plans.get(Path(place).name)},
+                outputs=outputs,
+                **settings_of(params),
+                known=covariates if kind == "covariates" else None,
+                record=f"{place}/.import_{rule}.json",
+            )
 
 
 if __name__ == "__main__":
@@ -149,6 +164,6 @@ if __name__ == "__main__":
         config = checked(reduce(overlaid, layers), read_schema(ROOT))
         check_config(config)
         predict_new(config)
-    except InputError as error:
+    except (InputError, StorageError) as error:
         print(error, flush=True)  # standard error goes to the log by now
         sys.exit(1)

@@ -7,9 +7,9 @@ from pinnochio.logs import attach_log
 from pinnochio.stages import Stages
 from scripts.patient.import_covariates import import_covariates
 from scripts.patient.import_plan import import_plan
-from scripts.patient.import_segmentation import import_segmentation
+from scripts.patient.import_segmentation import import_labels, import_surfaces
 
-SEGMENTED = ("labels", "bone", "skin", "report")
+SURFACES = ("bone", "skin", "report")
 
 
 def import_case(
@@ -21,22 +21,26 @@ def import_case(
     known: Mapping | None,
     record: str,
 ) -> None:
-    """Run the stages whose outputs are named: covariates; those of SEGMENTED; plan.
+    """Run the stages whose outputs are named: covariates; labels; those of SURFACES; plan.
 
     files: segmentation, volume, markups, source (of the plan), described (of covariates), and bone and labels where
-    they are not made here; scan, plan: settings of :func:`import_segmentation` and :func:`import_plan`; known: as of
+    they are not made here; scan, plan: settings of :func:`import_labels` and :func:`import_plan`; known: as of
     :func:`import_covariates`.
     """
+    labels = outputs.get("labels") or files.get("labels", "")
+    head = str(Path(labels).parent / ".head.json")
     with Stages(record) as stages:
         if "covariates" in outputs:
             read = {"source": files["described"] if known is None else None}
             stages(import_covariates, read, {"covariates": outputs["covariates"]}, {"known": known})
         if "labels" in outputs:
             read = {name: files[name] for name in ("segmentation", "volume", "markups")}
-            made = {name: outputs[name] for name in SEGMENTED}
-            stages(import_segmentation, read, {"outputs": made}, {"case": case, **scan})
+            stages(import_labels, read, {"labels": labels, "head": head}, {"case": case, **scan})
+        if "bone" in outputs:
+            made = {name: outputs[name] for name in SURFACES}
+            stages(import_surfaces, {"labels": labels, "head": head}, made, {"bone_edge": scan["bone_edge"]})
         if "plan" in outputs:
-            read = {"source": files["source"]} | {name: outputs.get(name) or files[name] for name in ("bone", "labels")}
+            read = {"source": files["source"], "bone": outputs.get("bone") or files["bone"], "labels": labels}
             stages(import_plan, read, {"plan": outputs["plan"]}, {"case": case, **plan})
 
 

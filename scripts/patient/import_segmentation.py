@@ -1,4 +1,4 @@
-"""Makes repaired and checked labels, bone and skin surfaces in LPS mm of a patient's segmentation."""
+"""Makes repaired and checked labels, then bone and skin surfaces, in LPS mm of a patient's segmentation."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -11,21 +11,21 @@ from pinnochio.errors import InputError
 from pinnochio.importing.anatomy import AS_IT_SHOULD_BE, check_anatomy
 from pinnochio.importing.head_parts import read_head_parts
 from pinnochio.importing.markups import read_markups
-from pinnochio.importing.muscle_layer import muscle_layer
+from pinnochio.importing.muscle_layer import DERIVED, muscle_layer
 from pinnochio.importing.osteotomy import osteotomy
 from pinnochio.importing.plausible import check_plausible, judged, unlike_people
 from pinnochio.importing.presets import LOWER_TEETH, UPPER_TEETH
 from pinnochio.importing.registration import upper_face_plane
 from pinnochio.importing.repair import repair
-from pinnochio.importing.segmentation import Segmentation, read_segmentation, write_segmentation
-from pinnochio.json_text import write_json
+from pinnochio.importing.segmentation import Segmentation, read_labels, read_segmentation, write_segmentation
+from pinnochio.json_text import read_stored_json, write_json
 from pinnochio.logs import collected
-from pinnochio.model.labels import internal_codes
+from pinnochio.model.labels import CRANIUM, MUSCLE, SUPERFICIAL, internal_codes
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.plans.roles import GUESS, UNCUT
 
 
-def import_segmentation(
+def import_labels(
     case: str,
     segmentation: str,
     label_values: Mapping[str, int | str] | str,
@@ -34,65 +34,75 @@ def import_segmentation(
     repair_limit: float,
     unlabelled_muscle: str,
     bone_edge: float,
-    outputs: dict[str, str],
+    head: str,
+    labels: str,
     volume: str | None = None,
     markups: Sequence[str] = (),
     cuts: Sequence[str] = (),
     accept: bool = False,
 ) -> None:
-    """Read, repair and check one patient; write labels, bone, skin and a report of volumes, repairs and warnings.
+    """Read, repair and check one patient; write labels, and as `head` what is known of volumes, repairs and warnings.
 
     label_values maps each structure's name to its voxel value or to its name in the file, or names the tool that made
     the segmentation; then volume is the scan that soft tissue may come from, and cuts are made where the files of
     markups or the bone say. segments are those that a case may have, its own those that the file holds or the cuts
     make; orientation is "header", or where the voxel axes point if the header is wrong; repair_limit is the share of a
     structure in percent that repairs may change and unnamed voxels may take from it; unlabelled_muscle (derived |
-    single | refuse) serves where no muscle is labelled; bone_edge is the edge length of the bone surface in mm; outputs
-    names the files labels, bone, skin and report; accept: bones unlike people's go in, to be looked at with care.
+    single | refuse) serves where no muscle is labelled; accept: bones unlike people's go in, to be looked at with care.
     Raises InputError for what the user must mend.
     """
-    with collected() as warnings, ProcessPoolExecutor(1, get_context("fork")) as beside:
-        head, frame, made, repairs, care = _checked_head(
+    with collected() as warnings:
+        read, frame, made, repairs, care = _checked_head(
             case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts, accept
         )
-        labels, voxel, segments = head.labels, float(np.prod(head.spacing)), head.segments
-        # As long as the bone takes, and of the border to the air alone, which a muscle layer leaves as it is.
-        contoured = beside.submit(skin_surface, labels, head.spacing, head.origin)
-        bone = bone_surface(labels, head.spacing, head.origin, segments, bone_edge)
-        labels, muscle = muscle_layer(
-            labels=labels,
-            spacing=head.spacing,
-            origin=head.origin,
-            top=upper_face_plane(bone, segments, 0.0),
+        voxel, segments, top = float(np.prod(read.spacing)), read.segments, 0.0
+        if unlabelled_muscle == DERIVED and not (read.labels == MUSCLE).any():
+            movable = np.where(read.labels == CRANIUM, SUPERFICIAL, read.labels)  # the cranium takes longest
+            bone = bone_surface(movable, read.spacing, read.origin, segments, bone_edge)
+            top = upper_face_plane(bone, segments, 0.0)
+        final, muscle = muscle_layer(
+            labels=read.labels,
+            spacing=read.spacing,
+            origin=read.origin,
+            top=top,
             unlabelled=unlabelled_muscle,
             case=case,
             file=segmentation,
         )
     report = {
         "case": case,
-        "spacing_mm": np.asarray(head.spacing).tolist(),
-        "shape": list(labels.shape),
+        "spacing_mm": np.asarray(read.spacing).tolist(),
+        "shape": list(final.shape),
         "frame": frame,
         "muscle": muscle,
         "volume_cm3": {
-            name: round(voxel / 1000 * int((labels == code).sum()), 3)
-            for name, code in internal_codes(segments).items()
+            name: round(voxel / 1000 * int((final == code).sum()), 3) for name, code in internal_codes(segments).items()
         },
         "repairs": repairs,
         "warnings": warnings,
         "care": care,
     } | made
-    write_segmentation(labels=labels, spacing=head.spacing, origin=head.origin, path=outputs["labels"])
-    bone.write(outputs["bone"])
-    write_surface(*contoured.result(), outputs["skin"])
-    write_json(outputs["report"], report)
+    write_segmentation(labels=final, spacing=read.spacing, origin=read.origin, path=labels)
+    write_json(head, {"segments": segments, "report": report})
+
+
+def import_surfaces(labels: str, head: str, bone_edge: float, bone: str, skin: str, report: str) -> None:
+    """Write bone, skin and the report of what :func:`import_labels` wrote, with warnings of the surfaces."""
+    read, known = read_labels(labels), read_stored_json(head)
+    with collected() as warnings, ProcessPoolExecutor(1, get_context("fork")) as beside:
+        # As long as the bone takes.
+        contoured = beside.submit(skin_surface, read.labels, read.spacing, read.origin)
+        bones = bone_surface(read.labels, read.spacing, read.origin, tuple(known["segments"]), bone_edge)
+    bones.write(bone)
+    write_surface(*contoured.result(), skin)
+    write_json(report, known["report"] | {"warnings": list(dict.fromkeys(known["report"]["warnings"] + warnings))})
 
 
 def _checked_head(
     case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts, accept
 ) -> tuple[Segmentation, dict, dict, list, list[str]]:
     """The head, repaired and checked; what its anatomy says of its frame; how it was made; its repairs; and what of it
-    must be looked at with care. Arguments as in :func:`import_segmentation`."""
+    must be looked at with care. Arguments as in :func:`import_labels`."""
     if isinstance(label_values, str):
         head, frame, made = _cut_head(
             case, segmentation, label_values, segments, orientation, repair_limit, volume, markups, cuts
@@ -110,20 +120,10 @@ def _checked_head(
     return replace(head, labels=labels), frame, made, repairs, care
 
 
-def _cut_head(
-    case: str,
-    path: str,
-    tool: str,
-    segments: tuple[str, ...],
-    orientation: str,
-    limit: float,
-    volume: str | None,
-    markups: Sequence[str],
-    cuts: Sequence[str],
-) -> tuple[Segmentation, dict, dict]:
+def _cut_head(case, path, tool, segments, orientation, limit, volume, markups, cuts) -> tuple[Segmentation, dict, dict]:
     """The head that a tool has segmented, with its cuts made; what its anatomy says of its frame; how it was made.
 
-    limit: percent of a bone that loose pieces may make up; the rest as in :func:`import_segmentation`.
+    limit: percent of a bone that loose pieces may make up; the rest as in :func:`import_labels`.
     """
     marked = read_markups(markups, case)
     parts = read_head_parts(path, volume, case, tool, orientation, marked.regions, limit)

@@ -27,17 +27,18 @@ def model_patient(
     lip_edge: float = 0.0,
     samples: Mapping[str, int] | None = None,
 ) -> None:
-    """Run the stages one after another.
+    """Run the stages one after another, as far as their outputs are named.
 
     imported: files labels, bone, skin, report, and plan for the samples; the settings are those of the stages, samples
-    plans and seed; outputs: files mesh, model, and where they are wanted lift, quality, lips_mesh with lips_model, and
+    plans and seed; outputs: files mesh, and where they are wanted model, lift, quality, lips_mesh with lips_model, and
     fem_samples.
     """
-    mesh, model = outputs["mesh"], outputs["model"]
+    mesh, model = outputs["mesh"], outputs.get("model")
     read = {name: imported[name] for name in ("labels", "bone", "skin", "report")}
-    with Stages(Path(model).with_name(RECORD)) as stages:
+    with Stages(Path(mesh).with_name(RECORD)) as stages:
         stages(mesh_case, {"labels": imported["labels"]}, {"mesh": mesh}, mesh_settings)
-        stages(label_case, {"mesh": mesh, **read}, {"model": model}, {"interfaces": interfaces})
+        if model:
+            stages(label_case, {"mesh": mesh, **read}, {"model": model}, {"interfaces": interfaces})
         if "lift" in outputs:
             settings = {"controls": controls, "fem": fem}
             stages(write_lift, {"model": model}, {"lift": outputs["lift"]}, settings)

@@ -13,7 +13,4 @@ def show_segments(bone: str, skin: str, report: str, picture: str) -> None:
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    show_segments(
-        **dict(snakemake.input.items()),
-        picture=snakemake.output.picture,
-    )
+    show_segments(**dict(snakemake.input.items()), picture=snakemake.output.picture)

@@ -9,14 +9,7 @@ from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.elastic import linear_field
 from pinnochio.metrics.worst_point import apart
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.certificate import (
-    RESEARCH,
-    interval_measures,
-    measures,
-    of_import,
-    plain,
-    verdict,
-)
+from pinnochio.patients.certificate import RESEARCH, interval_measures, measures, of_import, plain, verdict
 from pinnochio.patients.in_distribution import widening
 from pinnochio.patients.model_archive import Archive, calibration_file
 from pinnochio.patients.result import read_result, read_solution

@@ -31,8 +31,4 @@ def describe_training(
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    describe_training(
-        cases=snakemake.params.cases,
-        **dict(snakemake.input.items()),
-        ranges=snakemake.output.ranges,
-    )
+    describe_training(cases=snakemake.params.cases, **dict(snakemake.input.items()), ranges=snakemake.output.ranges)

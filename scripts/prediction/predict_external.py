@@ -19,7 +19,5 @@ def predict_external(cases: Sequence[str], files: Sequence[str], meshes: Sequenc
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     predict_external(
-        cases=snakemake.params.cases,
-        **dict(snakemake.input.items()),
-        predictions=snakemake.output.predictions,
+        cases=snakemake.params.cases, **dict(snakemake.input.items()), predictions=snakemake.output.predictions
     )

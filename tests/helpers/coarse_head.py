@@ -8,7 +8,7 @@ from pinnochio.virtual import head
 from pinnochio.virtual.procedures import Procedure
 from scripts.cohort.virtual_patient import virtual_patient
 from scripts.patient.import_plan import import_plan
-from scripts.patient.import_segmentation import import_segmentation
+from scripts.patient.import_segmentation import import_labels, import_surfaces
 from scripts.patient.label_interfaces import label_case
 from scripts.patient.tetrahedralize import mesh_case
 from tests.helpers.settings import CONFIG, SEED
@@ -23,6 +23,13 @@ def make_head(*arguments) -> None:
         virtual_patient(*arguments)
 
 
+def import_head(*arguments, outputs: dict[str, str], **settings) -> None:
+    """Labels, and surfaces with edges of 6 mm, as an import's two stages make them."""
+    head, others = f"{outputs['labels']}.json", {name: outputs[name] for name in ("bone", "skin", "report")}
+    import_labels(*arguments, bone_edge=6.0, head=head, labels=outputs["labels"], **settings)
+    import_surfaces(outputs["labels"], head, 6.0, **others)
+
+
 def modelled(case: str, number: int, folder: Path, procedure: Procedure, nodes: int) -> dict[str, str]:
     """Files of a head of 2 mm that is operated so, imported, meshed with so many nodes and labelled, by their names."""
     sources = {"segmentation": "segmentation.nii.gz", "plan": "input_plan.json", "landmarks": "landmarks.json"}
@@ -32,7 +39,7 @@ def modelled(case: str, number: int, folder: Path, procedure: Procedure, nodes: 
     make_head(case, number, SEED, 2.0, CONFIG["labels"], procedure, made)
     values, vocabulary = CONFIG["labels"], tuple(CONFIG["segments"])
     outputs = {name: files[name] for name in IMPORTED}
-    import_segmentation(case, files["segmentation"], values, vocabulary, "header", 2.0, "derived", 6.0, outputs)
+    import_head(case, files["segmentation"], values, vocabulary, "header", 2.0, "derived", outputs=outputs)
     import_plan(case, files["plan"], files["bone"], files["imported_plan"])
     mesh_case(files["labels"], nodes, 12.0, files["mesh"])
     read = (files[name] for name in ("mesh", "labels", "bone", "skin", "report"))

@@ -13,7 +13,7 @@ from pinnochio.importing.segmentation import read_labels
 from pinnochio.model.labels import CRANIUM
 from pinnochio.model.surfaces import bone_surface, write_surface
 from pinnochio.virtual.head import Head
-from scripts.patient.import_segmentation import import_segmentation
+from tests.helpers.coarse_head import IMPORTED, import_head
 from tests.helpers.settings import CONFIG
 
 SCANNER = RigidMotion.from_degrees((100, 40, -60), (20, 300, -50), (0, 0, 0))
@@ -171,16 +171,14 @@ def run(
     folder, segmentation, preset="dentalsegmentator", volume=None, cuts=("lefort1", "split"), markups=(), **settings
 ):
     """Import what a tool segmented; returns the report and the labels."""
-    outputs = {name: str(folder / "out" / f"{name}{end}") for name, end in
-               (("labels", ".nii.gz"), ("bone", ".vtp"), ("skin", ".vtp"), ("report", ".json"))}  # fmt: skip
+    outputs = {name: str(folder / "out" / file) for name, file in IMPORTED.items()}
     usual = {
         "segments": SEGMENTS,
         "orientation": "header",
         "repair_limit": CONFIG["repair"]["limit"],
         "unlabelled_muscle": "derived",
-        "bone_edge": 6.0,
     }
-    import_segmentation(
+    import_head(
         case="P1",
         segmentation=str(segmentation),
         label_values=preset,

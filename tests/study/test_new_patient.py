@@ -40,13 +40,8 @@ def planned(project, *config):
 
 def at_once(project, *words) -> str:
     """What the one process says that predicts without Snakemake, as `make predict` does."""
-    done = subprocess.run(
-        [sys.executable, "workflow/predict.py", *words],
-        cwd=project.folder,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, "workflow/predict.py", *words]
+    done = subprocess.run(command, cwd=project.folder, stdout=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:]
     return done.stdout
 

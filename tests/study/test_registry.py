@@ -40,10 +40,7 @@ def test_patients_that_are_added_are_made_alone_with_what_is_of_all(project):
     assert {rule: counted[rule] for rule in OF_A_PATIENT} == dict.fromkeys(OF_A_PATIENT, 2)
     assert counted["check_cohort"] == 1 and counted["finetune"] == 3
     others = {"check_cohort", "gather", "pretrain", "finetune", "predict_cases", "tabulate"}
-    assert set(counted) <= {*OF_A_PATIENT, *others} | {
-        "provenance",
-        "all",
-    }
+    assert set(counted) <= {*OF_A_PATIENT, *others} | {"provenance", "all"}
 
 
 def test_a_patient_that_withdraws_leaves_nothing_and_the_others_are_not_made_again(project, monkeypatch):

@@ -1,9 +1,11 @@
 """Files are written as a whole or not at all, and a disk that cannot be written is said."""
 
+import pickle
+
 import pytest
 
 from pinnochio import files
-from pinnochio.errors import StorageError
+from pinnochio.errors import InputError, StorageError
 from pinnochio.files import replacing
 
 
@@ -35,3 +37,8 @@ def test_a_folder_that_cannot_be_made_is_said(target):
     said = "table.csv/a.csv: file exists. Remedy: make its folder writable"
     with pytest.raises(StorageError, match=said), replacing(target / "a.csv"):
         pytest.fail("nothing could be written here")
+
+
+@pytest.mark.parametrize("error", [InputError("P1", "plan.json", "is empty", "fill it"), StorageError("a", "b", "c")])
+def test_what_a_person_can_mend_is_said_from_another_process_too(error):
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)

@@ -34,11 +34,6 @@ def run(tmp_path, caplog):
     return run
 
 
-def test_a_stage_is_run_once(run, tmp_path):
-    assert run() and not run()
-    assert (tmp_path / "text").read_text() == "one-two-end"
-
-
 def test_content_settings_and_lost_outputs_count_not_times(run, tmp_path):
     run()
     (tmp_path / "two").write_text("2")

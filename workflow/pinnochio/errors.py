@@ -14,6 +14,9 @@ class InputError(ValueError):
         super().__init__(f"case {case!r}: {file}: {problem}. Remedy: {remedy}.")
         self.case, self.file, self.problem, self.remedy = case, str(file), problem, remedy
 
+    def __reduce__(self):
+        return InputError, (self.case, self.file, self.problem, self.remedy)  # from another process
+
 
 def refusal(case: str, file: object) -> Callable[..., None]:
     """refuse(problem, remedy), which raises the InputError of a case and a file; of another file by file=..."""
@@ -43,3 +46,7 @@ class StorageError(OSError):
 
     def __init__(self, file: object, problem: str, remedy: str):
         super().__init__(f"{file}: {problem}. Remedy: {remedy}.")
+        self._parts = file, problem, remedy
+
+    def __reduce__(self):
+        return StorageError, self._parts

@@ -11,8 +11,8 @@ import SimpleITK as sitk
 from pinnochio.errors import InputError
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from scripts.patient.import_plan import import_plan
-from scripts.patient.import_segmentation import import_segmentation
 from scripts.patient.register_postop import register_postop
+from tests.helpers.coarse_head import IMPORTED, import_head
 from tests.helpers.virtual_heads import virtual_head
 
 SEGMENTS = ("lefort1", "mandible")
@@ -60,10 +60,9 @@ def run_import(folder, segmentation=None, plan=None, values=CODES, segments=SEGM
     """Import a case into folder/out; segmentation and plan are paths, by default good ones."""
     if segmentation is None:
         segmentation = write_image(folder / f"P1{PLAIN}", head())
-    names = ("labels.nii.gz", "bone.vtp", "skin.vtp", "report.json")
     made = folder / ("out" if plan is None else "imported")  # what is refused leaves nothing in `out`
-    outputs = {name.split(".")[0]: str(made / name) for name in names}
-    import_segmentation("P1", str(segmentation), values, segments, "header", limit, unlabelled, 6.0, outputs)
+    outputs = {name: str(made / file) for name, file in IMPORTED.items()}
+    import_head("P1", str(segmentation), values, segments, "header", limit, unlabelled, outputs=outputs)
     if plan is None:
         plan = folder / "P1.json"
         plan.write_text(plan_text())

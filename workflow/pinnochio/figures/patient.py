@@ -45,7 +45,9 @@ def field_picture(patient: PatientModel, plan: Plan, displacement: np.ndarray, p
         add_face(plotter, skin, patient, shown)
         finish(plotter, title, OBLIQUE)
     plotter.subplot(0, 2)
-    add_field(plotter, after, magnitude, "displacement [mm]", (0, float(magnitude.max()) or 1.0), "viridis")
+    bar = {"title": "displacement [mm]", "color": "black", "label_font_size": 14, "title_font_size": 14}
+    bar |= {"n_labels": 3, "position_x": 0.1, "width": 0.8, "position_y": 0.0, "height": 0.1}
+    add_values(plotter, after, magnitude, (0, float(magnitude.max()) or 1.0), "viridis", bar)
     finish(plotter, "displacement", OBLIQUE)
     plotter.subplot(1, 0)
     add_bone(plotter, patient, plan)
@@ -137,22 +139,18 @@ def add_bone(plotter: "pv.Plotter", patient: PatientModel, plan: Plan) -> None:
             plotter.add_mesh(pv.PolyData.from_regular_faces(moved, faces), color=colour, smooth_shading=True)
 
 
-def add_field(plotter, skin: pv.PolyData, values: np.ndarray, title: str, limits, colours: str) -> None:
-    """Skin coloured by a value per node, with its bar."""
-    bar = {"title": title, "vertical": False, "color": "black", "label_font_size": 14, "title_font_size": 14}
-    bar |= {"n_labels": 3, "position_x": 0.1, "width": 0.8, "position_y": 0.0, "height": 0.1}
-    plotter.add_mesh(skin, scalars=values, cmap=colours, clim=limits, scalar_bar_args=bar, copy_mesh=True)
-
-
-def add_values(plotter: "pv.Plotter", surface: pv.PolyData, values: np.ndarray, limits, colours: str) -> "pv.Actor":
-    """Surface coloured by a value per point or face, grey where it is NaN; its bar is for another panel."""
+def add_values(
+    plotter: "pv.Plotter", surface: pv.PolyData, values: np.ndarray, limits, colours: str, bar: Mapping | None = None
+) -> "pv.Actor":
+    """Surface coloured by a value per point or face, grey where it is NaN; by default its bar is for another panel."""
     return plotter.add_mesh(
         surface,
         scalars=values,
         cmap=colours,
         clim=limits,
         nan_color=UNKNOWN,
-        show_scalar_bar=False,
+        show_scalar_bar=bar is not None,
+        scalar_bar_args=bar,
         ambient=0.2,
         copy_mesh=True,
     )

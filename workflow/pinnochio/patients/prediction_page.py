@@ -1,8 +1,8 @@
 """One page to look at a prediction: pictures, maps and the certificate, in one HTML file that needs nothing else."""
 
 import base64
+import io
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -13,7 +13,7 @@ import pyvista as pv
 from markupsafe import Markup
 
 from pinnochio import web_pages
-from pinnochio.figures.patient import FRONT, OBLIQUE, REST, SIDE, UNKNOWN, add_bone, add_face, finish, save, skin_of
+from pinnochio.figures.patient import FRONT, OBLIQUE, REST, SIDE, add_bone, add_face, add_values, finish, skin_of
 from pinnochio.methods.names import spoken
 from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
@@ -124,16 +124,7 @@ def _map(skin: pv.PolyData, values: np.ndarray) -> bytes:
     bar |= {"n_labels": 4, "fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "width": 0.08}
     for column, (view, direction) in enumerate(VIEWS.items()):
         plotter.subplot(0, column)
-        plotter.add_mesh(
-            skin,
-            scalars=values,
-            cmap="viridis",
-            clim=limits,
-            nan_color=UNKNOWN,
-            show_scalar_bar=not column,
-            scalar_bar_args=bar,
-            copy_mesh=True,
-        )
+        add_values(plotter, skin, values, limits, "viridis", None if column else bar)
         finish(plotter, view, direction)
         plotter.camera.zoom(0.9)
     return _png(plotter)
@@ -145,6 +136,7 @@ def _panels(rows: int) -> "pv.Plotter":
 
 def _png(plotter: "pv.Plotter") -> bytes:
     """The picture as a file would hold it."""
-    with tempfile.TemporaryDirectory() as folder:
-        save(plotter, Path(folder) / "picture.png")
-        return (Path(folder) / "picture.png").read_bytes()
+    picture = io.BytesIO()
+    plotter.screenshot(picture)
+    plotter.close()
+    return picture.getvalue()
