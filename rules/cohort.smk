@@ -31,15 +31,14 @@ rule virtual_patient:
 # Contact sheet of the first patients, to be looked at: face, skull and outcome.
 rule render_faces:
     input:
-        segmentations=expand(
-            "<results>/virtual/{case}/segmentation.nii.gz",
-            case=list(STUDY.cohort.cases)[:24],
+        models=expand(
+            "<results>/cases/{case}/model.h5", case=list(STUDY.cohort.cases)[:24]
+        ),
+        motions=expand(
+            "<results>/cases/{case}/true_motion.h5", case=list(STUDY.cohort.cases)[:24]
         ),
         anatomies=expand(
             "<results>/virtual/{case}/anatomy.json", case=list(STUDY.cohort.cases)[:24]
-        ),
-        truths=expand(
-            "<results>/virtual/{case}/truth.h5", case=list(STUDY.cohort.cases)[:24]
         ),
     output:
         sheet="<results>/figures/faces.png",
@@ -54,8 +53,6 @@ rule render_faces:
         runtime=20,
     params:
         cases=list(STUDY.cohort.cases)[:24],
-        labels=INPUTS.cohort.label_values,
-        segments=config["segments"],
         code=code_of("scripts.cohort.render_faces"),
     message:
         "Render the faces of the first virtual patients"

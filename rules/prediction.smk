@@ -213,6 +213,12 @@ rule calibrate:
             case=STUDY.cohort.scanned if wildcards.method in NETWORKS else [],
             method=wildcards.method,
         ),
+        truths=lambda wildcards: [
+            STUDY.model_of(case, wildcards.method).replace(
+                "model.h5", "true_motion.h5"
+            )
+            for case in (STUDY.cohort.scanned if STUDY.cohort.virtual else [])
+        ],
     output:
         calibration="<results>/methods/{method}/calibration.json",
         table=ensure("<results>/methods/{method}/coverage.csv", non_empty=True),

@@ -2,38 +2,42 @@
 
 from collections.abc import Sequence
 
-from pinnochio.importing.segmentation import read_segmentation
+import pyvista as pv
+
+from pinnochio.figures.patient import FRONT, OBLIQUE, REST, SIDE, SKIN, add_bone, finish, save, surface_of
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
-from pinnochio.model.truth import read_truth
-from pinnochio.virtual.portraits import Sitter, contact_sheet
+from pinnochio.model.patient import PatientModel
+from pinnochio.model.truth import TrueMotion
+
+BELOW = (0, -0.62, -0.78)
+PANEL, ABREAST = (300, 330), 2  # pixels of a panel; patients side by side
 
 
 def render_faces(
-    cases: Sequence[str],
-    segmentations: Sequence[str],
-    anatomies: Sequence[str],
-    truths: Sequence[str],
-    label_values: dict[str, int],
-    segments: tuple[str, ...],
-    sheet: str,
+    cases: Sequence[str], models: Sequence[str], motions: Sequence[str], anatomies: Sequence[str], sheet: str
 ) -> None:
-    """Draw all cases in one picture (PNG), two to a row."""
-    sitters, fields = [], []
-    for case, segmentation, anatomy, truth in zip(cases, segmentations, anatomies, truths, strict=True):
-        about = read_stored_json(anatomy)
-        head = read_segmentation(path=segmentation, case=case, label_values=label_values, segments=segments)
-        sitters.append(Sitter(f"{case} {about['sex']} {about['deformity'].replace('_', ' ')}", head, head.segments))
-        fields.append(read_truth(truth, case)[:3])
-    contact_sheet(sitters=sitters, fields=fields, path=sheet)
+    """Draw all cases in one picture (PNG): the face from the front, the side and below, the skull, and the outcome from
+    front and side."""
+    views = [("", FRONT), ("side", SIDE), ("below", BELOW), ("skull", OBLIQUE), ("outcome", FRONT), ("outcome", SIDE)]
+    shape = -(-len(cases) // ABREAST), ABREAST * len(views)
+    size = shape[1] * PANEL[0], shape[0] * PANEL[1]
+    plotter, cameras = pv.Plotter(off_screen=True, shape=shape, window_size=size, border=False), {}
+    for place, (case, model, motion, anatomy) in enumerate(zip(cases, models, motions, anatomies, strict=True)):
+        patient, about = PatientModel.read(model), read_stored_json(anatomy)
+        skin = patient.skin_points + TrueMotion.read(motion, patient, case).skin
+        for column, (words, direction) in enumerate(views):
+            plotter.subplot(place // ABREAST, place % ABREAST * len(views) + column)
+            if words == "skull":
+                add_bone(plotter, patient, REST)
+            else:
+                points = skin if words == "outcome" else patient.skin_points
+                plotter.add_mesh(surface_of(points, patient.skin_faces), color=SKIN, smooth_shading=True)
+            finish(plotter, words or f"{case} {about['sex']} {about['deformity'].replace('_', ' ')}", direction)
+            plotter.camera = cameras.setdefault((place, direction), plotter.camera)  # before and after alike
+    save(plotter, sheet)
 
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    render_faces(
-        cases=snakemake.params.cases,
-        **dict(snakemake.input.items()),
-        label_values=snakemake.params.labels,
-        segments=tuple(snakemake.params.segments),
-        sheet=snakemake.output.sheet,
-    )
+    render_faces(cases=snakemake.params.cases, **dict(snakemake.input.items()), sheet=snakemake.output.sheet)

@@ -44,7 +44,7 @@ def predict_plan(
     mesh and skin (several), folder bones, and of networks ensemble.
     """
     case, result = about["case"], outputs["result"]
-    named, names, compared = {"case": case}, list(networks) or [case], None
+    named, names, compared, calibrated = {"case": case}, list(networks) or [case], None, {}
     if archive:
         compared = compare(case, **planned, quality=quality, ranges=str(Path(archive) / RANGES))
     if networks and (Path(archive) / calibration_file(FALLBACK)).is_file() and not compared["within"]:
@@ -56,15 +56,15 @@ def predict_plan(
         made = {"predictions": [outputs["ensemble"] if archive else result]}
         stages(predict, read, made, {"names": names, "cases": [case], "warm": False, **method})
         if archive:
-            calibration = str(Path(archive) / calibration_file(about["method"]))
-            read = {"model": planned["model"], "ensemble": outputs["ensemble"], "calibration": calibration}
+            calibrated = {"calibration": str(Path(archive) / calibration_file(about["method"]))}
+            read = {"model": planned["model"], "ensemble": outputs["ensemble"], **calibrated}
             settings = {**named, "fem": fem, "widening": widening(compared)}
             stages(predict_interval, read, {"result": result}, settings)
         read = {**planned, "quality": quality, "result": result, "folder": archive}
         certificate = {"certificate": outputs["certificate"]}
         stages(certify, read, certificate, {"about": about, "fem": fem, "compared": compared})
         shown = {name: outputs[name] for name in ("measures", "page")}
-        stages(show_prediction, {**planned, **certificate, "result": result}, shown, named)
+        stages(show_prediction, {**planned, **certificate, **calibrated, "result": result}, shown, named)
         made = {name: outputs[name] for name in ("mesh", "skin", "bones")}
         stages(export_prediction, {**planned, "result": result}, made, named)
 

@@ -1,24 +1,35 @@
 """Makes the page to look at a new patient's prediction."""
 
-import numpy as np
-
 from pinnochio.json_text import read_stored_json
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.face_measures import read_face, unknown_rows, write_face
 from pinnochio.patients.prediction_page import write_page
 from pinnochio.patients.result import read_result
 from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration
 
 
-def show_prediction(case: str, model: str, plan: str, result: str, certificate: str, measures: str, page: str) -> None:
-    """Write pictures, maps, measures and the certificate in words as one HTML file, and the measures as a table."""
+def show_prediction(
+    case: str,
+    model: str,
+    plan: str,
+    result: str,
+    certificate: str,
+    measures: str,
+    page: str,
+    calibration: str | None = None,
+) -> None:
+    """Write pictures, maps, measures and the certificate in words as one HTML file, and the measures as a table.
+
+    calibration: that of the interval, if the result is one.
+    """
     patient = PatientModel.read(model)
     prediction = read_result(result, case, patient)
-    half_width = prediction.half_width if np.isfinite(prediction.half_width).any() else None
     planned, face = Plan.read(plan, case), read_face(patient)
     rows, tracing = unknown_rows(), ""
     if face:
-        rows = face.rows(prediction.displacement, half_width) + face.bone_rows(planned)
+        known = (prediction, Calibration.read(calibration)) if calibration else ()
+        rows = face.rows(prediction.displacement, *known) + face.bone_rows(planned)
         tracing = face.tracing(planned, prediction.displacement)
     write_face(rows, measures)
     write_page(

@@ -11,11 +11,13 @@ import pytest
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.metrics.judged import Judged
+from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
 from pinnochio.model.regions import NAMES, NECK, OTHER, regions
 from pinnochio.patients.in_distribution import widening
+from pinnochio.statistics.conformal import UNSEEN
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
 from scripts.patients.predict_plan import compare
 from scripts.prediction.calibrate import ScannedCase, calibrate
@@ -56,14 +58,15 @@ def ensembles(patients, networks, tmp_path_factory):
     return paths
 
 
-def calibrated(patients, ensembles, folder, level=LEVEL, networks=True):
+def calibrated(patients, ensembles, folder, level=LEVEL, networks=True, truth=True):
     """Calibration and its table; every patient is held out of a fold of its own and predicted by that."""
     cases = []
     for fold, patient in zip(FOLDS, patients, strict=False):
         held_out = str(folder / f"predictions_{fold}.h5")
         write_predictions(held_out, {patient.case: read_prediction(ensembles[patient.case], fold)})
         paths = patient.model, patient.postop, patient.judged, held_out, ensembles[patient.case] if networks else None
-        cases.append(ScannedCase(patient.case, fold, *paths))
+        known = str(Path(patient.model).with_name("true_motion.h5")) if truth else None
+        cases.append(ScannedCase(patient.case, fold, *paths, known))
     files = str(folder / "calibration.json"), str(folder / "part.csv")
     calibrate(cases, "pinnochio_plus", level, SEED, *files)
     return files
@@ -106,14 +109,17 @@ def test_calibration_holds_a_half_width_per_region(patients, calibration):
     stored = Calibration.read(calibration[0])
     assert (stored.patients, stored.folds, stored.level) == (2, 2, LEVEL)
     assert list(stored.half_width) == list(stored.usual_spread) == list(NAMES)
+    assert list(stored.measures) == list(MEASURES) and all(width > 0 for width in stored.measures.values())
 
 
 def test_a_method_without_networks_has_the_half_widths_of_its_errors_and_no_spread(
     patients, ensembles, calibration, tmp_path
 ):
-    bare, _ = calibrated(patients, ensembles, tmp_path, networks=False)
+    bare, _ = calibrated(patients, ensembles, tmp_path, networks=False, truth=False)
     assert Calibration.read(bare).half_width == Calibration.read(calibration[0]).half_width
     assert set(Calibration.read(bare).usual_spread.values()) == {None}
+    unknown = {name for name, width in Calibration.read(bare).measures.items() if width is None}
+    assert unknown == {*UNSEEN}  # of patients of a clinic, whose truth nobody knows
 
 
 @pytest.mark.parametrize("region", COUNTED)
@@ -134,7 +140,7 @@ def test_the_table_of_coverage_is_written(calibration, tmp_path):
     table = tmp_path / "coverage.csv"
     make(table, "pinnochio.tables.coverage", parts=[calibration[1], calibration[1]], cohort="virtual cohort")
     rows = pd.read_csv(table)
-    assert len(rows) == 2 * (len(COUNTED) + 1) and (rows["n"] == 2).all()
+    assert len(rows) == 2 * (len(COUNTED) + len(MEASURES) + 2) and (rows["n"] == 2).all()
     assert rows["coverage_mean"].between(0, 100).all()
     assert "virtual cohort" in (tmp_path / "coverage.md").read_text()
     assert (tmp_path / "coverage.tex").exists() and (tmp_path / "coverage.html").exists()

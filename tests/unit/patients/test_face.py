@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from pinnochio.columns import read_table
-from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives
+from pinnochio.model.measures import LANDMARKS, MEASURES
+from pinnochio.model.regions import CHIN
 from pinnochio.patients.face_measures import SHOWN, TABLE, FaceMeasures, read_face, unknown_rows, write_face, written
+from pinnochio.statistics.intervals import Calibration, Interval
 from tests.helpers.virtual_heads import face_alone
 
 
@@ -45,14 +47,17 @@ def test_what_goes_forward_does_so_by_its_amount(patient, face):
     assert rows["upper_lip_e_line"].change < 0  # the line goes forward with the chin
 
 
-def test_a_half_width_is_the_root_of_the_squares_of_what_each_landmark_adds(patient, face):
-    width = np.full(len(patient.skin_points), 0.8)
-    rows = by_name(face.rows(np.zeros_like(patient.points), width))
-    assert rows["pogonion_up"].half_width == rows["pog_forward"].half_width == pytest.approx(0.8)  # sellion is sure
-    assert rows["alar_width"].half_width == pytest.approx(0.8 * np.sqrt(2))
-    gradient = derivatives(face.landmarks.positions)[list(MEASURES).index("nasolabial")]
-    expected = 0.8 * np.sqrt((gradient**2).sum())
-    assert rows["nasolabial"].half_width == pytest.approx(expected)
+def test_a_measure_has_its_half_width_wider_where_the_skin_it_is_read_at_has_a_wider_one(patient, face):
+    field, chin = np.zeros_like(patient.points), patient.skin_points[:, 2] < face.landmarks.positions[8, 2]
+    widths, region = np.where(chin, 1.6, 0.8), np.full(len(chin), CHIN, np.int8)
+    known = Calibration("m", 0.9, 40, 5, {"chin": 0.8}, {}, dict.fromkeys(MEASURES, 5.0) | {"midline": None})
+    rows = by_name(face.rows(field, Interval(field, field[:, 0], widths, region), known))
+    assert rows["pogonion_up"].half_width == 1.6 and rows["subnasale_up"].half_width == 0.8  # of the skin there
+    assert rows["nasolabial"].half_width == 5 and rows["alar_width"].half_width == 5
+    assert rows["pog_forward"].half_width == rows["mentolabial"].half_width == 10
+    assert np.isnan(rows["midline"].half_width)
+    unjudged = by_name(face.rows(field, Interval(field, field[:, 0], np.nan * widths, region - region - 1), known))
+    assert unjudged["pog_forward"].half_width == 5
 
 
 def test_a_face_that_cannot_be_read_has_no_numbers_and_the_table_stays(patient, tmp_path):

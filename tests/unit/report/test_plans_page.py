@@ -11,10 +11,13 @@ import pytest
 from PIL import Image
 
 from pinnochio.columns import read_table
+from pinnochio.model.measures import MEASURES
+from pinnochio.model.regions import CHIN
 from pinnochio.patients.face_measures import TABLE, FaceMeasures, write_face
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, motion_of
 from pinnochio.report.plans import ComparedPlan, write_plans
+from pinnochio.statistics.intervals import Calibration, Interval
 from tests.helpers.browser import uncaught
 from tests.helpers.virtual_heads import face_alone
 
@@ -29,10 +32,12 @@ def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plans")
     patient = face_alone("class_ii", 3.0)
     below, width = patient.points[:, 2] < -50, np.full(len(patient.skin_points), 0.8)
+    known = Calibration("m", 0.9, 40, 5, {"chin": 0.8}, {}, dict.fromkeys(MEASURES, 0.8))
+    interval = Interval(patient.points, patient.points, width, np.full(len(width), CHIN))
     plans = []
     for name, advance in (("rest", 0.0), ("advance", 5.0), ("setback", -5.0)):
         field = np.where(below[:, None], [0, -advance, 0], 0.0)
-        write_face(FaceMeasures(patient).rows(field, width), folder / f"{name}.csv")
+        write_face(FaceMeasures(patient).rows(field, interval, known), folder / f"{name}.csv")
         motion = motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"advance": advance}, np.zeros(3))
         measures = read_table(folder / f"{name}.csv", TABLE)
         plans.append(ComparedPlan(name, Plan("V", {JAW: motion}), f"{name}/m/index.html", "with care", field, measures))
@@ -43,7 +48,7 @@ def page(tmp_path_factory):
 def test_it_says_what_each_plan_does_and_comes_to(page):
     text = page[0].read_text(encoding="utf-8").split("<script")[0]
     for said in ("V&lt;1&gt;: 3 plans side by side", "advanced 5.0 mm", "set back 5.0 mm", "not moved",
-                 "90 % intervals", "For research only", "With care", 'href="setback/m/index.html"'):  # fmt: skip
+                 "the 90 % interval", "For research only", "With care", 'href="setback/m/index.html"'):  # fmt: skip
         assert said in text, said
     line = re.search(r"<tr><td>Pog&#39; to the vertical.*?</tr>", text, re.DOTALL)[0]
     cells = re.findall(r"<td[^>]*>([^<]*)</td>", line)[1:]

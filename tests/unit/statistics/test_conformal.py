@@ -11,13 +11,17 @@ from hypothesis import strategies as st
 from pinnochio.columns import check, read_table
 from pinnochio.errors import InputError
 from pinnochio.metrics.judged import Judged
+from pinnochio.model.measures import MEASURES
+from pinnochio.model.postop import PostopSkin
 from pinnochio.model.regions import NAMES
+from pinnochio.model.truth import TrueMotion
 from pinnochio.statistics import intervals as intervals
-from pinnochio.statistics.conformal import FACE, HeldOut, coverage, half_width, half_widths, held_out
+from pinnochio.statistics.conformal import FACE, HeldOut, coverage, half_width, half_widths, held_out, measures_held_out
 from pinnochio.statistics.intervals import Calibration, Interval, interval, skin_spread, usual_spreads
 from pinnochio.tables.coverage import COVERAGE, table
 from tests.helpers.patients import tiny_patient
 from tests.helpers.tables import write
+from tests.helpers.virtual_heads import face_alone
 
 LEVEL = 0.9
 
@@ -174,6 +178,31 @@ def flat():
     top = np.unique(patient.skin_faces)
     points[top, 2] = points[top, 2].max()
     return replace(patient, points=points, skin_points=points)
+
+
+def test_errors_of_measures_are_those_to_the_truth_or_to_the_scan_about_the_landmarks():
+    """A chin 2 mm too far back: by the truth, and by a scan as far in front, which shows nothing sideways."""
+    patient = face_alone("class_ii", 3.0)
+    still, chin = np.zeros_like(patient.points), patient.points[:, 2] < -50
+    went = np.where(chin[:, None], [0.3, -2.0, 0], 0)
+    truth = TrueMotion(went, patient.moved_skin(went))
+    scan = PostopSkin(patient.moved_skin(went), patient.skin_faces, 0.1)
+    known, seen = (measures_held_out("P", "1", patient, still, scan, each) for each in (truth, None))
+    by_truth, by_scan = (dict(zip(np.array([*MEASURES])[of.region], of.error, strict=True)) for of in (known, seen))
+    assert by_truth["pog_forward"] == pytest.approx(2) and by_truth["chin_asymmetry"] == pytest.approx(0.3)
+    assert by_scan["pog_forward"] == pytest.approx(2, abs=0.3) and by_scan["a_forward"] < 0.1
+    assert set(by_truth) - set(by_scan) == {"alar_width", "midline", "chin_asymmetry"}
+
+
+def test_measures_are_covered_each_by_its_half_width():
+    rng, units = np.random.default_rng(8), {"one": "mm", "two": "degree"}
+    patients = [HeldOut(f"P{n}", str(n % 5 + 1), np.abs(rng.normal(size=2)) * [1, 9], np.arange(2)) for n in range(40)]
+    rows = coverage(patients, LEVEL, 0, units, "measures").set_index("region")
+    assert list(rows.index) == ["one", "two", "measures"] and rows["n"].tolist() == [40] * 3
+    assert rows["coverage_mean"].between(82, 98).all() and rows["unit"].tolist() == ["mm", "degree", "mm, degree"]
+    errors = np.array([patient.error for patient in patients])
+    assert rows["half_width"][:2].tolist() == np.sort(errors, axis=0)[36].tolist()  # the 37th of 40
+    assert np.isnan(rows.loc["measures", "error_mean"]) and rows["error_mean"].iloc[1] == errors[:, 1].mean()
 
 
 def test_only_disagreement_along_the_normal_widens():

@@ -36,15 +36,10 @@ def test_stages_add_up_longest_first(benchmarks, tmp_path):
     assert "test clinic" in (tmp_path / "stages.html").read_text() and (tmp_path / "stages.tex").exists()
 
 
-def test_what_was_not_measured_is_nan(benchmarks):
+def test_what_was_not_measured_is_nan_and_a_study_without_benchmarks_has_a_row_of_zeros(benchmarks, tmp_path):
     frame = read_benchmark(benchmarks / "report/V01.tsv")
     assert frame["s"].tolist() == [0.04] and frame[["cpu_time", "max_rss"]].isna().all(None)
-
-
-def test_a_study_without_benchmarks_has_a_row_of_zeros(tmp_path):
-    frame = stages(tmp_path / "nowhere")
-    assert frame["rule"].tolist() == ["all"] and frame.loc[0, ["jobs", "seconds"]].tolist() == [0, 0]
-    write(tabulate(tmp_path / "nowhere", "test clinic"), tmp_path / "stages.csv")
+    assert stages(tmp_path / "nowhere").iloc[0, :3].tolist() == ["all", 0, 0]
 
 
 def network(path):

@@ -1,4 +1,4 @@
-"""The usual measures of a face's soft tissue: values with units, and their derivatives by the landmarks."""
+"""The usual measures of a face's soft tissue: values with units, each with its derivatives by the landmarks."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -110,21 +110,9 @@ def measure(positions: np.ndarray) -> np.ndarray:
     """Values (m,) of the MEASURES, in mm or degrees, of LANDMARKS at positions (k, 3) mm LPS of an upright face.
 
     NaN where a landmark that a measure reads is not known (NaN), and for an angle between landmarks that nearly meet.
+    Lips that cross are in contact, as they are shown: no gap is below 0.
     """
-    return np.array([item.rule(_chosen(positions, item))[0] for item in MEASURES.values()])
-
-
-def derivatives(positions: np.ndarray) -> np.ndarray:
-    """Derivative (m, k, 3) of every measure by every landmark, mm or degrees per mm, at positions (k, 3) mm.
-
-    With landmarks carried by a displacement (:mod:`pinnochio.model.carried`) the chain rule ends at the mesh: so a
-    Gauss-Newton method can ask for a measure.
-    """
-    gradient = np.zeros((len(MEASURES), len(LANDMARKS), 3))
-    for row, item in zip(gradient, MEASURES.values(), strict=True):
-        row[[LANDMARKS.index(name) for name in item.points]] = item.rule(_chosen(positions, item))[1]
-    return gradient
-
-
-def _chosen(positions: np.ndarray, item: Measure) -> np.ndarray:
-    return np.asarray(positions, float)[[LANDMARKS.index(name) for name in item.points]]
+    read = {name: np.asarray(positions, float)[[LANDMARKS.index(point) for point in item.points]]
+            for name, item in MEASURES.items()}  # fmt: skip
+    values = {name: MEASURES[name].rule(points)[0] for name, points in read.items()}
+    return np.array(list((values | {"interlabial_gap": np.maximum(values["interlabial_gap"], 0.0)}).values()))

@@ -19,7 +19,6 @@ from pinnochio.metrics.validity import (
 )
 from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.regions import NAMES
 from pinnochio.model.touching_lips import CROSSED, touching_lips
 from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
 from pinnochio.plans.plan import Plan
@@ -101,14 +100,14 @@ def interval_measures(interval: Interval, calibration: Calibration, widening: fl
     """
     half_width = interval.half_width
     known = np.isfinite(half_width)
-    calibrated = np.array([calibration.half_width.get(name) or np.nan for name in NAMES])
     return {
         "level": calibration.level,
         "patients": calibration.patients,
         "median_mm": np.median(half_width[known]),
         "largest_mm": half_width[known].max(),
         "widening": widening,
-        "widened_percent": 100 * np.mean(half_width[known] > WIDENED * widening * calibrated[interval.region[known]]),
+        "widened_percent": 100
+        * np.mean(half_width[known] > WIDENED * widening * calibration.by_region[interval.region[known]]),
     }
 
 

@@ -13,9 +13,10 @@ from pinnochio.errors import InputError
 from pinnochio.figures.cephalogram import Cephalogram
 from pinnochio.model.bone_landmarks import BONE_MEASURES, bone_measures
 from pinnochio.model.carried import CarriedLandmarks, carried_landmarks
-from pinnochio.model.measures import LANDMARKS, MEASURES, derivatives, measure
+from pinnochio.model.measures import LANDMARKS, MEASURES, measure
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
+from pinnochio.statistics.intervals import Calibration, Interval
 
 # The landmarks whose displacement is shown, as surgeons write them.
 SHOWN = {"pronasale": "Nasal tip", "subnasale": "Subnasale", "subspinale": "A'", "labrale_superius": "Upper lip",
@@ -75,24 +76,26 @@ class FaceMeasures:
     def _cephalogram(self) -> Cephalogram:
         return Cephalogram(self._patient, self.landmarks)
 
-    def rows(self, displacement: np.ndarray, half_width: np.ndarray | None = None) -> list[MeasureRow]:
+    def rows(
+        self, displacement: np.ndarray, interval: Interval | None = None, calibration: Calibration | None = None
+    ) -> list[MeasureRow]:
         """The measures, then how far forward, up and to the left the SHOWN landmarks go, under a field (n, 3) mm.
 
-        half_width (s,) mm of the skin points' interval, or None. That of a measure takes the intervals at its landmarks
-        for independent errors of their positions: the root of the sum of (derivative times half-width) squared [I]. It
-        is not calibrated by itself. Sellion and what lies beside the judged face count as sure.
+        interval: the field's, by the calibration. A measure has its calibrated half-width, as many times wider as the
+        skin's interval is than the calibrated one at most at a landmark that the measure reads [I]; a landmark has that
+        of the skin there.
         """
         moved = self.landmarks.moved(displacement)
-        widths = np.full(len(LANDMARKS), np.nan)
-        if half_width is not None and np.isfinite(half_width).any():
-            widths = np.nan_to_num(half_width[self._nearest])
-            widths[LANDMARKS.index("sellion")] = 0.0
-        gradient = np.linalg.norm(derivatives(moved), axis=2)
-        spread = np.sqrt(((gradient * widths) ** 2).sum(axis=1))
-        after = measure(moved)
+        widths, spread = np.full(len(LANDMARKS), np.nan), dict.fromkeys(MEASURES, np.nan)
+        if interval is not None and calibration is not None:
+            widths = interval.half_width[self._nearest]
+            wider = np.nan_to_num(widths / calibration.by_region[interval.region[self._nearest]], nan=1.0)
+            for name, width in calibration.measures.items():
+                read = [LANDMARKS.index(point) for point in MEASURES[name].points]
+                spread[name] = np.nan if width is None else width * wider[read].max()
         rows = [
-            MeasureRow(name, one.title, one.unit, one.positive, before, now, now - before, width)
-            for (name, one), before, now, width in zip(MEASURES.items(), self._before, after, spread, strict=True)
+            MeasureRow(name, one.title, one.unit, one.positive, before, now, now - before, spread[name])
+            for (name, one), before, now in zip(MEASURES.items(), self._before, measure(moved), strict=True)
         ]
         shift = moved - self.landmarks.positions
         for name, title in SHOWN.items():

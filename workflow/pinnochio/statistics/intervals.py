@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -21,7 +21,8 @@ from pinnochio.model.regions import NAMES, regions
 class Calibration:
     """What a method's interval is made of: half_width and usual_spread in mm by region name, None where unknown.
 
-    level: share that the half-width covers; patients: held-out ones that it was calibrated on, by folds models.
+    level: share that the half-width covers; patients: held-out ones that it was calibrated on, by folds models;
+    measures: half-width of each of the face's measures, mm or degrees, none in an archive from before there were any.
     """
 
     method: str
@@ -30,6 +31,12 @@ class Calibration:
     folds: int
     half_width: dict[str, float | None]
     usual_spread: dict[str, float | None]
+    measures: dict[str, float | None] = field(default_factory=dict)
+
+    @property
+    def by_region(self) -> np.ndarray:
+        """half_width (r + 1,) mm in the order of NAMES, NaN where unknown; the last, NaN, is that of code -1."""
+        return np.array([*map(self.half_width.get, NAMES), None], float)
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as JSON."""
@@ -38,7 +45,9 @@ class Calibration:
     @classmethod
     def read(cls, path: str | os.PathLike) -> "Calibration":
         """Read what :meth:`write` wrote."""
-        return read_stored_json(path).of(cls)
+        stored = read_stored_json(path)
+        stored.setdefault("measures", {})
+        return stored.of(cls)
 
 
 @dataclass(frozen=True)
@@ -125,9 +134,8 @@ def interval(patient: PatientModel, displacements, calibration: Calibration, reg
     """
     displacements = np.asarray(displacements, float)
     region = regions(patient) if region is None else region
-    q, usual = (  # the last one, NaN, is that of code -1
-        np.array([np.nan if values.get(name) is None else values[name] for name in NAMES] + [np.nan])
-        for values in (calibration.half_width, calibration.usual_spread)
+    q, usual = (
+        replace(calibration, half_width=each).by_region for each in (calibration.half_width, calibration.usual_spread)
     )
     if not np.isfinite(q[region]).any():
         raise InputError(

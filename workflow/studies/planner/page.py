@@ -312,7 +312,7 @@ class Page(TrameApp):
             self.state.about = self.state.about | {
                 side: about(forecast, deep, self.session.jaws, self.calibration.level)
             }
-            self.state.rows = self.state.rows | {side: rows(forecast, self.face)}
+            self.state.rows = self.state.rows | {side: rows(forecast, self.face, self.calibration)}
         await self._send()
 
     def _behind(self, side: str) -> bool:

@@ -238,7 +238,7 @@ def _measures(page) -> None:
             for name in ("title", "forward", "up", "left", "half"):
                 html.Td(f"{{{{ row.{name} }}}}")
     html.P(
-        f"±: from the {level} intervals at the landmarks, taken as independent; not calibrated by itself. "
+        f"±: the {level} interval, calibrated on each measure by itself; of a landmark, that of the skin there. "
         "E-line, N' vertical: + in front. –: cannot be read on this face.",
         classes="text-caption pa-2",
     )

@@ -10,6 +10,7 @@ from pinnochio.model.touching_lips import CROSSED
 from pinnochio.patients.certificate import FAR, import_rows
 from pinnochio.patients.face_measures import FaceMeasures, in_numbers
 from pinnochio.plans.surgery import amount, segment_in_words
+from pinnochio.statistics.intervals import Calibration
 from studies.planner.forecast import Forecast
 from studies.planner.jaws import Jaws, named
 from studies.planner.wishing import Fit
@@ -50,12 +51,11 @@ def import_in_words(imported: Mapping) -> str:
     return " ".join(f"{row.what}: {row.value}. {row.meaning}" for row in import_rows(imported))
 
 
-def rows(forecast: Forecast, face: FaceMeasures) -> dict[str, list[dict] | str]:
+def rows(forecast: Forecast, face: FaceMeasures, calibration: Calibration) -> dict[str, list[dict] | str]:
     """The measures of a forecast, the displacements of landmarks and the measures of bone, as the tables show them; the
     tracing as SVG."""
-    half_width = None if forecast.plan.still else forecast.interval.half_width
-    moved = forecast.interval.displacement
-    measures, landmarks, bone = in_numbers(face.rows(moved, half_width) + face.bone_rows(forecast.plan))
+    known, moved = () if forecast.plan.still else (forecast.interval, calibration), forecast.interval.displacement
+    measures, landmarks, bone = in_numbers(face.rows(moved, *known) + face.bone_rows(forecast.plan))
     tracing = face.tracing(forecast.plan, moved)
     return {"measures": measures, "landmarks": landmarks, "bone": bone, "tracing": tracing}
 
