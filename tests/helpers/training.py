@@ -126,7 +126,7 @@ def predict_all(networks: dict[str, str], patient, ensemble: str, corrections: i
         trained=list(networks.values()),
         lifts=[lift] if lift else [],
         truths=[],
-        covariates=[patient.covariates] if lift else [],
+        covariates=[],
         device="cpu",
         threads=1,
         predictions=[ensemble],

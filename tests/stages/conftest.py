@@ -120,7 +120,7 @@ def prepared(patients, training, tmp_path_factory):
         "scan": {"nasion_above_maxilla": 20.0, "limit": 1.5},
     }
     out = str(folder / "planner.json")
-    files = {name: getattr(patient, name) for name in ("model", "skin", "bone", "covariates")}
+    files = {name: getattr(patient, name) for name in ("model", "skin", "bone")}
     files |= {"lift": lift, "quality": training[1][0]}
     prepare_planner(patient.case, files, [str(folder / "set/plan.json")], settings, out)
     return Prepared.read(out)

@@ -79,9 +79,7 @@ def test_each_preset_becomes_segments(head, scan, preset, tmp_path):
     said, made = run(tmp_path, path, preset, None if labelled else scan, cuts)
     assert [name for name, volume in said["volume_cm3"].items() if volume][-3:] == FOUR[1:]
     assert said["tool"] == preset and ("Otsu" in said["soft_tissue"]) != labelled
-    jaw = np.isin(made.labels, [11 + i for i in range(4)][preset != "amasss" :])
-    if preset == "amasss":
-        jaw = np.isin(made.labels, (11, 12, 13))
+    jaw = np.isin(made.labels, (11, 12, 13) if preset == "amasss" else (12, 13, 14))
     assert agreement(jaw, masks["mandible"] | masks["lower_teeth"]) > 0.95
     bone = made.labels >= 10
     assert agreement(bone, head.labels >= 10) > 0.95

@@ -42,7 +42,7 @@ def collected() -> Iterator[list[str]]:
 
     class Collector(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            words = plain_warning(record.getMessage())
+            words = re.sub(r"^case '[^']*': ", "", record.getMessage())
             said.extend([words] if words not in said else [])
 
     handler = Collector(logging.WARNING)
@@ -53,24 +53,20 @@ def collected() -> Iterator[list[str]]:
         logging.getLogger("pinnochio").removeHandler(handler)
 
 
-def plain_warning(message: str) -> str:
-    """A warning without the case that it begins with."""
-    return re.sub(r"^case '[^']*': ", "", message)
-
-
 def warnings_in(path: str) -> list[str]:
     """What the library warned of in a stage's log file; nothing where there is none."""
-    try:
-        with open(path, encoding="utf-8", errors="replace") as file:
-            return [line.split(": ", 1)[1].strip() for line in file if re.match(r"\S+ \S+ WARNING pinnochio\.", line)]
-    except OSError:
-        return []
+    lines = [line for line in _lines(path) if re.match(r"\S+ \S+ WARNING pinnochio\.", line)]
+    return [line.split(": ", 1)[1].strip() for line in lines]
 
 
 def last_line(path: str) -> str:
     """The last line of a log file, which says why a stage has failed; nothing where there is none."""
+    return ["", *filter(None, map(str.strip, _lines(path)))][-1]
+
+
+def _lines(path: str) -> list[str]:
     try:
         with open(path, encoding="utf-8", errors="replace") as file:
-            return ["", *filter(None, map(str.strip, file))][-1]
+            return file.readlines()
     except OSError:
-        return ""
+        return []

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pinnochio.figures.cephalogram import BEFORE, PLANNED, PREDICTED, SKIN_MARKS
 from pinnochio.model.bone_landmarks import BONE_MEASURES, bone_landmarks, bone_measures
+from pinnochio.model.measures import LANDMARKS
 from pinnochio.patients.face_measures import FaceMeasures, in_numbers
 from pinnochio.plans.plan import Plan, RigidMotion
 from tests.helpers.virtual_heads import face_alone
@@ -71,6 +72,19 @@ def test_a_root_without_a_hollow_has_no_nasion(face):
     flat = np.where((patient.bone_segment < 0) & (z > rest["N"][2] - 30), np.maximum(y, rest["N"][1]), y)
     plain = replace(patient, bone_points=np.column_stack([x, flat, z]))
     assert "N" not in bone_landmarks(plain, 0.0, sellion).points
+
+
+def test_a_nose_that_the_scan_cuts_off_has_neither_root_nor_tip(face):
+    x, y, z = face._patient.skin_points.T
+    front = face.landmarks.positions[LANDMARKS.index("sellion"), 1] + 1  # where the field of view ends
+    cut = FaceMeasures(replace(face._patient, skin_points=np.column_stack([x, np.maximum(y, front), z])))
+    lost = np.isnan(cut.landmarks.positions).any(axis=1) & ~np.isnan(face.landmarks.positions).any(axis=1)
+    assert [LANDMARKS[row] for row in np.flatnonzero(lost)] == ["sellion", "pronasale", "columella"]
+    rows = {row.name: row.before for row in cut.rows(np.zeros_like(cut._patient.points))}
+    assert np.isnan([rows[name] for name in ("a_forward", "upper_lip_e_line", "nasolabial")]).all()
+    assert np.isfinite(rows["alar_width"])
+    drawing = cut.tracing(REST, np.zeros_like(cut._patient.points))
+    assert not any(words in drawing for words in ("nan", ">N′<", ">Prn<")) and ">A′<" in drawing
 
 
 @pytest.mark.parametrize(("kind", "seen"), [("class_ii", True), ("class_iii", False)])

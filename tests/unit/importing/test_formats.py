@@ -25,13 +25,7 @@ SEGMENTS = ("lefort1", "mandible")
 STRUCTURES = tuple(internal_codes(SEGMENTS))
 CODES = internal_codes(SEGMENTS)
 VALUES = {name: 3 + 5 * number for number, name in enumerate(STRUCTURES)}
-NAMES = {
-    "superficial": "Fat and skin",
-    "muscle": "Muscle",
-    "cranium": "Skull",
-    "lefort1": "Le Fort I",
-    "mandible": "Mandible",
-}
+NAMES = dict(zip(STRUCTURES, ("Fat and skin", "Muscle", "Skull", "Le Fort I", "Mandible"), strict=True))
 NODES = 1000
 
 
@@ -360,9 +354,7 @@ def solid_surfaces():
 def surface_folder(tmp_path, solid_surfaces):
     folder = tmp_path / "head"
     folder.mkdir()
-    for surface, name, suffix in zip(
-        solid_surfaces.values(), STRUCTURES, ("stl", "ply", "obj", "vtp", "stl"), strict=True
-    ):
+    for (name, surface), suffix in zip(solid_surfaces.items(), ("stl", "ply", "obj", "vtp", "stl"), strict=True):
         surface.save(folder / f"{name}.{suffix}")
     (folder / "notes.txt").write_text("x")
     return folder

@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
@@ -42,18 +43,24 @@ def start(folder, **environment):
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def address(tmp_path_factory):
-    """Port and secret of a server."""
-    process = start(tmp_path_factory.mktemp("server"))
-    said = ""
-    while not (address := re.search(r"Local: +http://127\.0\.0\.1:(\d+)/\?secret=(\S+)", said)):
+@contextmanager
+def saying(folder, pattern, **environment):
+    """A server that runs until the block ends; what it says first that matches."""
+    process, said = start(folder, **environment), ""
+    while not (match := re.search(pattern, said)):
         line = process.stdout.readline()
         assert line, said
         said += line
-    yield int(address[1]), address[2]
+    yield match
     os.killpg(process.pid, signal.SIGTERM)
     process.wait()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory):
+    """Port and secret of a server."""
+    with saying(tmp_path_factory.mktemp("server"), r"Local: +http://127\.0\.0\.1:(\d+)/\?secret=(\S+)") as address:
+        yield int(address[1]), address[2]
 
 
 def test_who_has_the_address_gets_page_and_state(address):
@@ -103,13 +110,8 @@ def test_who_guesses_the_secret_reaches_nothing(address, secret):
 
 
 def test_the_secret_is_another_one_at_every_start(address, tmp_path):
-    process = start(tmp_path)
-    said = ""
-    while not (again := re.search(r"secret=(\S+)", said)):
-        said += process.stdout.readline()
-    os.killpg(process.pid, signal.SIGTERM)
-    process.wait()
-    assert again[1] != address[1] and len(again[1]) > 40
+    with saying(tmp_path, r"secret=(\S+)") as again:
+        assert again[1] != address[1] and len(again[1]) > 40
 
 
 @pytest.mark.parametrize("args", ["--host 0.0.0.0", "--authKey known", "--reverse-url ws://evil.example"])
@@ -120,16 +122,9 @@ def test_no_option_of_the_framework_changes_that(tmp_path, args):
 
 
 def test_the_browser_is_opened_at_the_address(tmp_path):
-    process = start(tmp_path, BROWSER="echo opened %s")
-    said = ""
-    while line := process.stdout.readline():
-        said += line
-        if line.startswith("opened"):
-            break
-    os.killpg(process.pid, signal.SIGTERM)
-    process.wait()
-    local = re.search(r"Local: +(http://127\.0\.0\.1:\d+/\?secret=\S+)", said)
-    assert local and f"opened {local[1]}" in said, said
+    local = r"(?s)Local: +(http://127\.0\.0\.1:\d+/\?secret=\S+).*opened (\S+)\n"
+    with saying(tmp_path, local, BROWSER="echo opened %s") as said:
+        assert said[1] == said[2]
 
 
 def test_only_the_loopback_is_listened_on(address):

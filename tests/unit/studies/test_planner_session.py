@@ -126,9 +126,7 @@ def test_one_pull_of_a_slider_is_one_step_of_undo(session):
     session.draft.redo()
     session.draft.redo()
     assert session.values("left")["left"] == pytest.approx(4.0) and session.draft.can_redo
-    session.change(
-        "left", "left", 9.0
-    )  # after an undo a change is a step of its own, and ends what could be done again
+    session.change("left", "left", 9.0)  # after an undo a step of its own, which ends what could be done again
     assert not session.draft.can_redo
     session.draft.undo()
     assert session.values("left")["left"] == pytest.approx(4.0)
@@ -194,16 +192,9 @@ def test_a_plan_that_could_not_be_imported_is_not_saved(session, tmp_path):
 
 
 def test_what_is_prepared_reads_back_and_a_missing_file_is_said(tmp_path):
-    names = {
-        "model": "model.h5",
-        "skin": "skin.vtp",
-        "bone": "bone.vtp",
-        "quality": "quality.json",
-        "covariates": "covariates.json",
-    }
-    for name in (*names.values(), "plan.json"):
+    files = {name: str(tmp_path / name) for name in ("model", "skin", "bone", "quality")}
+    for name in (*files, "plan.json"):
         (tmp_path / name).touch()
-    files = {name: str(tmp_path / file) for name, file in names.items()}
     plans = {"a": str(tmp_path / "plan.json")}
     empty = {name: {} for name in ("fem", "invert", "scan")}
     files |= empty | {"home": "h", "archive": str(tmp_path), "method": "m"}

@@ -23,7 +23,6 @@ PIXEL, SMOOTH, RIM = 0.5, 1.2, 4.0  # of the raster that outlines are traced on:
 CHORDS = (("N", "A", "Pog"), ("N", "B"), ("Me", "Go"))
 ABOVE, BELOW, BESIDE, HEADER = 45.0, 14.0, 18.0, 12.0  # mm round what the tracing shows
 AT_LEFT = {"U1": (-2, 0), "L1": (-2, 3.5), "ANS": (-2, -0.5), "A": (-2, 3), "Me": (0, 6), "Go": (-2, 3)}  # mm of labels
-
 HALO = f'fill="{BEFORE}" stroke="#fff" stroke-width="0.8" paint-order="stroke"'
 
 
@@ -33,7 +32,7 @@ class Cephalogram:
     def __init__(self, patient: PatientModel, landmarks: CarriedLandmarks):
         self._patient, self._landmarks = patient, landmarks
         sellion = landmarks.positions[LANDMARKS.index("sellion")]
-        middle = float(sellion[0])
+        middle = float(landmarks.positions[LANDMARKS.index("subnasale"), 0])
         self.bone = bone_landmarks(patient, middle, sellion)
         self._skin = MidlineProfile(patient.skin_points, patient.skin_faces, middle)
         owner = patient.bone_segment[patient.bone_faces[:, 0]]
@@ -49,7 +48,7 @@ class Cephalogram:
         low, high = moving.min(axis=0), moving.max(axis=0)
         nose = np.nanmin(landmarks.positions[:, 1])
         chin = np.nanmin(landmarks.positions[:, 2])
-        above = min(sellion[2] + ABOVE, patient.skin_points[:, 2].max()) + HEADER
+        above = np.fmin(sellion[2] + ABOVE, patient.skin_points[:, 2].max()) + HEADER
         self._window = (-high[1] - BESIDE, -above, -nose + BESIDE, -min(low[2], chin) + BELOW)
 
     def svg(self, plan: Plan, displacement: np.ndarray) -> str:
@@ -73,12 +72,12 @@ class Cephalogram:
             nose, chin = skin["pronasale"], skin["pogonion"]
             aesthetic = [nose - 0.1 * (chin - nose), chin + 0.15 * (chin - nose)]
             chords = [(way, colours[0]) for way in ways if len(way) > 1] + [(aesthetic, colours[1])]
-            parts += [_path(np.array(way), colour, 0.2, dashed=True) for way, colour in chords]
+            chords = [(np.array(way), colour) for way, colour in chords if np.isfinite(way).all()]
+            parts += [_path(*chord, 0.2, dashed=True) for chord in chords]
             parts.append(_lines(self._skin.of(patient.moved_skin(field)), colours[1], 0.7))
             marks += [_mark(place, colours[0], name if one is rest else "", False) for name, place in bone.items()]
-            marks += [
-                _mark(skin[name], colours[1], title if one is rest else "", True) for name, title in SKIN_MARKS.items()
-            ]
+            seen = {name: title for name, title in SKIN_MARKS.items() if np.isfinite(skin[name]).all()}
+            marks += [_mark(skin[name], colours[1], title if one is rest else "", True) for name, title in seen.items()]
         parts += marks[::-1]
         said = f"lips cross by {crossed:.1f} mm; drawn in contact" if crossed >= CROSSED else ""
         parts.append(f'<text x="{left + 3:.1f}" y="{top + 11:.1f}" fill="#b26a00">{said}</text>')

@@ -101,15 +101,11 @@ def judged(odd: Sequence[tuple[str, float]], accept: bool, cut: bool, case: str,
     """What must be looked at with care; refused where it is no head or, of pieces that were cut by rule, unlike
     people's and not accepted (`osteotomy.accept`)."""
     refuse = refusal(case, file)
-    for words, times in odd:
-        if times > BEYOND and not accept:
-            refuse(f"unlike anybody's: {words}", _remedy(cut))
-        if cut and not accept:
-            refuse(f"the cuts by rule make pieces unlike people's: {words}", _remedy(cut))
+    remedy = "look at it; give planes or landmarks as markups, or correct the labels; or set osteotomy.accept"
+    remedy = remedy if cut else "correct the labels; or, if this is so, set osteotomy.accept"
+    for words, times in odd if not accept else ():
+        if times > BEYOND:
+            refuse(f"unlike anybody's: {words}", remedy)
+        if cut:
+            refuse(f"the cuts by rule make pieces unlike people's: {words}", remedy)
     return [words for words, _ in odd]
-
-
-def _remedy(cut: bool) -> str:
-    if cut:
-        return "look at it; give planes or landmarks as markups, or correct the labels; or set osteotomy.accept"
-    return "correct the labels; or, if this is so, set osteotomy.accept"

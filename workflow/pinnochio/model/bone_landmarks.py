@@ -7,7 +7,7 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.model.bones import of_segments, places
-from pinnochio.model.landmarks import STEP, farthest, section, upper_jaw
+from pinnochio.model.landmarks import SEEN, STEP, farthest, off_chord, section, upper_jaw
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import UNCUT
@@ -17,7 +17,6 @@ FRONT, DEEP = 10.0, 20.0  # mm beside the midline and behind the front of a jaw:
 CREST, SPINE = (6.0, 14.0), (20.0, 36.0)  # mm from the incisors' edge: alveolar crest, anterior nasal spine [R]
 CHIN = 20.0  # mm above menton within which pogonion lies [I]
 BROW = 10.0  # mm above the nasal root at least [I]
-SEEN = 1.0  # mm of a hollow or a prominence off its chord: less is the surface's, or the scan does not show it [I]
 GLABELLA, BRIDGE, ROOT = 35.0, 25.0, 30.0  # mm above, below and behind the skin of the nasal root: its bone [I]
 
 
@@ -58,8 +57,8 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
 
     def read(mask: np.ndarray, low: float, high: float, rule) -> None:
         """Landmarks of a rule(line (k, 2) depth and height, at(height) -> index) of a bone between two heights."""
-        z = np.arange(low, high, STEP)
         try:
+            z = np.arange(low, high, STEP)
             line = np.column_stack([_foremost(patient, mask, middle, z), z])
             marks = rule(line, lambda height: int(np.clip(round((height - low) / STEP), 0, len(z) - 1)))
         except (InputError, ValueError, IndexError):  # the scan does not show it
@@ -74,11 +73,6 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
         deepest = farthest(line, start, end, False)
         return deepest if deepest not in (start, end) else (start + end) // 2
 
-    def off(line, start: int, end: int, at: int) -> float:
-        """How far (mm) a place lies behind the chord between two."""
-        along, way = line[end] - line[start], line[at] - line[start]
-        return float(along[1] * way[0] - along[0] * way[1]) / max(float(np.linalg.norm(along)), 1e-9)
-
     def upper_rule(line, at):
         edge = line[0, 1]
         spine = _foremost_of(line, at(edge + SPINE[0]), at(edge + SPINE[1]))
@@ -92,7 +86,7 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
         end = at(line[0, 1] + CHIN)
         if chin == end:  # a chin that recedes, or a head that is bent
             chin = farthest(line, 0, crest, True, 0, end)
-            if chin == end or off(line, 0, crest, chin) > -SEEN:
+            if chin == end or off_chord(line, 0, crest, chin) > -SEEN:
                 return {"Me": 0, "L1": top}
         return {"Me": 0, "Pog": chin, "L1": top, "B": fold(line, chin, crest)}
 
@@ -100,7 +94,7 @@ def bone_landmarks(patient: PatientModel, middle: float, sellion: np.ndarray) ->
         root = at(sellion[2])
         bridge, brow = _foremost_of(line, 0, root), _foremost_of(line, at(sellion[2] + BROW), len(line) - 1)
         deepest = farthest(line, bridge, brow, False)
-        seen = off(line, bridge, brow, deepest) > SEEN
+        seen = off_chord(line, bridge, brow, deepest) > SEEN
         return {"N": deepest} if seen and 0 < line[deepest, 0] - sellion[1] < ROOT else {}
 
     if len(heights[0]):

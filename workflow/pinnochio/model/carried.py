@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from pinnochio.model.landmarks import FaceLandmarks, face_landmarks, subspinale
+from pinnochio.model.landmarks import FaceLandmarks, face_landmarks, subspinale, unseen
 from pinnochio.model.measures import LANDMARKS
 from pinnochio.model.patient import LOWER_LIP, UPPER_LIP, PatientModel
 
@@ -36,10 +36,11 @@ def carried_landmarks(patient: PatientModel, marks: FaceLandmarks | None = None)
     """The LANDMARKS of a patient, each carried by the skin within NEAR of it, a lip's by its own side of the mouth.
 
     The edges of the lips are the mean of the foremost nodes of each lip at the middle of the mouth; without a mouth
-    slit in the mesh they are unknown. marks: face_landmarks(patient), found where None. InputError where the face
-    cannot be read.
+    slit in the mesh they are unknown. marks: None for face_landmarks(patient), of which those that are
+    :func:`unseen` are unknown. InputError where the face cannot be read.
     """
-    marks = face_landmarks(patient) if marks is None else marks
+    hidden = () if marks else unseen(patient, face_landmarks(patient))
+    marks = marks or face_landmarks(patient)
     places = vars(marks) | {
         "subspinale": subspinale(patient, marks),
         "columella": columella(patient, marks.subnasale, marks.pronasale),
@@ -56,7 +57,7 @@ def carried_landmarks(patient: PatientModel, marks: FaceLandmarks | None = None)
                 weights[edge] = 1 / len(edge)
             rows.append(sparse.csr_array(weights[None]))
             continue
-        positions[row] = places[name]
+        positions[row] = np.nan if name in hidden else places[name]
         allowed = height > 0 if name in OF_UPPER else height < 0 if name in OF_LOWER else None
         rows.append(carriers(patient, places[name], allowed))
     return CarriedLandmarks(positions, sparse.vstack(rows, format="csr"))

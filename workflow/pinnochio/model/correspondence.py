@@ -34,9 +34,4 @@ def marks(model: PatientModel) -> np.ndarray:
 
 def mirrored_marks(landmarks: np.ndarray) -> np.ndarray:
     """Landmarks (l, 3) mm of the mirror image of a face, in the order of :func:`marks`: those in pairs change sides."""
-    return sides_changed(landmarks * ACROSS)
-
-
-def sides_changed(values: np.ndarray) -> np.ndarray:
-    """Values (l, ...) of landmarks with left and right exchanged."""
-    return values[[*range(len(values) - len(SIDES)), *SIDES]]
+    return (landmarks * ACROSS)[[*range(len(landmarks) - len(SIDES)), *SIDES]]

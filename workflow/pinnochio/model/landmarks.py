@@ -20,6 +20,8 @@ CHEEK = 40.0  # mm from the midline: beyond any nose and any corner of a mouth [
 WING = (12.0, 24.0)  # mm: half the width of a nose [R: noses of adults are 30 to 42 mm wide]
 MOUTH = 1.5  # width of a mouth by that of the nose, the neoclassical canon [R: Farkas]
 WIDEST = 30.0  # mm: half the width of any mouth [R: mouths of adults are 45 to 60 mm wide]
+SHORTEST_LIP = 10.0  # mm from stomion to subnasale: lips of adults are 16 to 30 mm high [X]
+SEEN = 1.0  # mm of a hollow or a prominence off its chord: less is the surface's, or the scan does not show it [I]
 LIP, FOLD = 0.3, 0.5  # share of the way from the mouth to the chin's lower end: lower lip, then its fold, then chin [I]
 
 
@@ -82,7 +84,7 @@ def face_landmarks(patient: PatientModel) -> FaceLandmarks:
         raise _refused("skin or bone ends at the mouth")
     low, fold = (round(stomion * (1 - share)) for share in (FOLD, LIP))
     pronasale = farthest(line, stomion, top, True)
-    subnasale = farthest(line, stomion, pronasale, False)
+    subnasale = farthest(line, stomion, pronasale, False, min(stomion + int(SHORTEST_LIP / STEP), pronasale))
     sellion = farthest(line, pronasale, top, False, min(pronasale + int(BRIDGE / STEP), top), top)
     reach = int(SLIT / STEP)
     notch = farthest(line, stomion - reach, stomion + reach, False)  # where a lip overhangs, not at the mouth's height
@@ -118,6 +120,17 @@ def subspinale(patient: PatientModel, marks: FaceLandmarks) -> np.ndarray:
     depth = section(points, patient.skin_faces, points[:, 0] - x, points[:, 2], z)
     deepest = farthest(np.column_stack([depth, z]), 0, len(z) - 1, False)
     return np.array([x, depth[deepest], z[deepest]])
+
+
+def unseen(patient: PatientModel, marks: FaceLandmarks) -> tuple[str, ...]:
+    """Landmarks that the profile does not show: without a hollow at the root of the nose there is no sellion, nor a tip
+    of the nose where the profile goes on to the forehead, because the scan then cuts the nose."""
+    points, low = patient.skin_points, marks.pronasale[2]
+    z = np.arange(low, min(points[:, 2].max(), marks.stomion[2] + FOREHEAD) + STEP / 2, STEP)
+    depth = section(points, patient.skin_faces, points[:, 0] - marks.pronasale[0], points[:, 2], z)
+    line, top = np.column_stack([depth, z]), len(z) - 1
+    hollow, whole = off_chord(line, 0, top, farthest(line, 0, top, False)), z[top] - marks.stomion[2] > 0.9 * FOREHEAD
+    return ("sellion", "pronasale", "columella")[: 0 if hollow > SEEN else 3 if whole else 1]
 
 
 def _refused(problem: str) -> InputError:
@@ -180,3 +193,9 @@ def farthest(line, start: int, end: int, ahead: bool, first: int | None = None, 
     along, part = line[high] - line[low], line[first : last + 1] - line[low]
     behind = along[1] * part[:, 0] - along[0] * part[:, 1]
     return first + int(np.argmax(-behind if ahead else behind))
+
+
+def off_chord(line, start: int, end: int, at: int) -> float:
+    """How far (mm) a place of a line (k, 2), as of :func:`farthest`, lies behind the chord between two."""
+    along, way = line[end] - line[start], line[at] - line[start]
+    return float(along[1] * way[0] - along[0] * way[1]) / max(float(np.linalg.norm(along)), 1e-9)

@@ -29,7 +29,7 @@ class Marks:
     def of(cls, model: PatientModel, more: Mapping[str, np.ndarray] | None = None) -> "Marks":
         """The landmarks of the face that are known, and `more` points (3,) mm of its skin by name, which go before."""
         marks = face_landmarks(model)
-        carried = carried_landmarks(model, marks)
+        carried = carried_landmarks(model)
         known = np.isfinite(carried.positions).all(axis=1) & ~np.isin(LANDMARKS, list(more or {}))
         beside = {"stomion": marks.stomion, "cheilion_right": marks.cheilion[0], "cheilion_left": marks.cheilion[1]}
         beside |= more or {}

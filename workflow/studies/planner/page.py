@@ -9,6 +9,7 @@ from trame.app import TrameApp, asynchronous
 from trame.decorators import change
 
 from pinnochio.errors import InputError, StorageError
+from pinnochio.model.measures import LANDMARKS
 from pinnochio.patients.face_measures import FaceMeasures
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS
@@ -55,7 +56,7 @@ class Page(TrameApp):
         self.session, self.forecaster, self.wishing = session, forecaster, wishing
         self.calibration = forecaster.calibration
         self.face = FaceMeasures(forecaster.patient)
-        middle = float(self.face.landmarks.positions[0, 0])
+        middle = float(self.face.landmarks.positions[LANDMARKS.index("subnasale"), 0])
         self.view = FaceView(forecaster.patient, scale(self.calibration), middle, scan)
         self._worker, self._following = ThreadPoolExecutor(1), False
         self._seeker, self._seeking = ThreadPoolExecutor(1), False  # its finite elements take seconds
@@ -157,18 +158,11 @@ class Page(TrameApp):
 
     @answered
     def do(self, name: str) -> None:
-        if name == "stay":
-            self.session.stay(self.state.segment)
-        elif name == "copy":
-            self.session.take_other()
-        elif name == "reset":
-            self.session.reset()
-        elif name == "occlude":
-            self.session.occlude()
-        elif name == "undo":
-            self.session.draft.undo()
-        elif name == "redo":
-            self.session.draft.redo()
+        """What a button says; KeyError for another name."""
+        session, draft = self.session, self.session.draft
+        buttons = {"copy": session.take_other, "reset": session.reset, "occlude": session.occlude}
+        buttons |= {"undo": draft.undo, "redo": draft.redo, "stay": lambda: session.stay(self.state.segment)}
+        buttons[name]()
         self._follow()
 
     @answered

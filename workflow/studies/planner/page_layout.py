@@ -22,13 +22,21 @@ SWITCH = {"hide_details": True, "density": "compact", "color": "primary"}
 FIELD = {"hide_details": True, "density": "compact", "variant": "outlined"}
 CARE = "color: #b26a00"
 SMALL = {"size": "small", "variant": "tonal"}
-NARROWEST = 900  # pixels of a window; below it the page says a sentence
-PHONE = "The planner needs a window at least {} pixels wide, such as that of a laptop. Open it there."
+NARROW = 900  # pixels of a window; below it the picture stays on top and all else is scrolled past beneath it
 STYLE = f"""
 * {{ transition: none !important; animation: none !important }}
-#phone {{ display: none; padding: 2rem; font-size: 1.1rem }}
-@media (max-width: {NARROWEST - 1}px) {{
-  #phone {{ display: block; position: fixed; inset: 0; z-index: 5000; background: white }}
+@media (max-width: {NARROW - 1}px) {{
+  .v-application__wrap > .v-app-bar, .v-application__wrap > .v-navigation-drawer {{
+    position: static !important; width: 100% !important; height: auto !important; flex: none; z-index: 1 !important
+  }}
+  .v-application__wrap > .v-app-bar {{ order: 1 }} .v-application__wrap > .v-navigation-drawer {{ order: 2 }}
+  .v-application__wrap > .v-main {{
+    --v-layout-left: 0 !important; --v-layout-right: 0 !important; --v-layout-top: 0 !important; flex: none;
+    height: 56vh !important; position: sticky; top: 0; z-index: 2; background: white; border-bottom: 1px solid #bbb
+  }}
+  .v-app-bar > .v-toolbar__content {{ height: auto !important; flex-wrap: wrap; padding: .3rem }}
+  .v-navigation-drawer:not(.v-navigation-drawer--active) {{ display: none }}
+  .words {{ max-height: 5.2rem; overflow-y: auto }} .legend {{ min-height: 0 !important }}
 }}
 .numbers {{ border-collapse: collapse; width: 100% }}
 .numbers td, .numbers th {{ padding: .08rem .3rem; text-align: right; white-space: nowrap; font-size: .74rem }}
@@ -77,7 +85,6 @@ def build(page) -> vtk_widgets.VtkRemoteView:
         page.ui = layout
         client.Style(STYLE)
         client.Script(KEYS)
-        html.Div(PHONE.format(NARROWEST), id="phone")
         _bar(page)
         with v3.VNavigationDrawer(permanent=True, width=296), html.Div(classes="pa-2"):
             _segment(page)
@@ -251,7 +258,7 @@ def _captions(page) -> None:
         style="flex: none; overflow-wrap: anywhere; font-size: .8rem",
     )  # fmt: skip
     html.Div("{{ imported }}", v_if=("imported",), id="imported", classes="px-2", style=f"font-size: .8rem; {CARE}")
-    with html.Div(classes="d-flex", style="font-size: .8rem"):
+    with html.Div(classes="d-flex words", style="font-size: .8rem"):
         for side in SIDES:
             with html.Div(v_if=(f"both || side == '{side}'",), id=f"about_{side}", classes="pa-2", style="flex: 1"):
                 html.B(f"Plan {side}: {{{{ about.{side}.moved }}}}")
@@ -266,7 +273,7 @@ def _legend(page) -> None:
     gradient = ", ".join(to_hex(colour) for colour in colours)
     level = f"{100 * page.calibration.level:g} % of a region's points should lie this near to the outcome"
     style = "gap: 0 .5rem; font-size: .72rem; flex-wrap: wrap; min-height: 3.2rem"  # two lines: the view keeps its size
-    with html.Div(classes="d-flex align-center pa-1", style=style):
+    with html.Div(classes="d-flex align-center pa-1 legend", style=style):
         for name, start, most in (("displacement", "displacement: 0", MOST_MOVED), ("interval", level, limit)):
             rest = " and more" if name == "displacement" else "; skin: not judged"
             with html.Span(v_if=(f"map == '{name}'",), id=f"legend_{name}", classes="d-flex align-center",

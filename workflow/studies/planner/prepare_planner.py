@@ -12,7 +12,7 @@ def prepare_planner(
 ) -> None:
     """Write the list with absolute paths, so that the planner can be started from any folder.
 
-    files: model, skin, bone, lift (or none), covariates, quality; plans: checked plan files, `{name}/plan.json`;
+    files: model, skin, bone, lift (or none), quality; plans: checked plan files, `{name}/plan.json`;
     settings: home, archive, method, corrections, fem, invert and scan of a Prepared.
     """
     files = {**files, **{name: settings[name] for name in ("home", "archive")}}
@@ -23,7 +23,7 @@ def prepare_planner(
 
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
-    files = {name: snakemake.input[name] for name in ("model", "skin", "bone", "covariates", "quality")}
+    files = {name: snakemake.input[name] for name in ("model", "skin", "bone", "quality")}
     prepare_planner(
         case=snakemake.wildcards.case,
         files=files | {"lift": next(iter(snakemake.input.get("lifts", [])), None)},

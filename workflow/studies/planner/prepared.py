@@ -13,7 +13,7 @@ from pinnochio.json_text import read_stored_json, write_json
 class Prepared:
     """A patient and its models: files and settings, as the rule `prepare_planner` writes them.
 
-    model, skin, bone, lift (None for networks without one), covariates, quality: files of the patient; plans: checked
+    model, skin, bone, lift (None for networks without one), quality: files of the patient; plans: checked
     plan files by name; home: folder that plans are saved in; archive: folder of the models; method, corrections, fem:
     what predicts, and how; invert: how wishes are answered, the section of the configuration; scan: how a scan is
     registered.
@@ -22,7 +22,6 @@ class Prepared:
     case: str
     model: str
     lift: str | None
-    covariates: str
     quality: str
     plans: Mapping[str, str]
     home: str
@@ -49,7 +48,7 @@ class Prepared:
         if content.keys() != {item.name for item in fields(cls)}:
             raise InputError("-", path, "it is not what this version prepares", remedy)
         prepared = cls(**content)
-        files = [prepared.model, prepared.lift, prepared.covariates, prepared.quality, prepared.archive]
+        files = [prepared.model, prepared.lift, prepared.quality, prepared.archive]
         files += [prepared.skin, prepared.bone]
         files += prepared.plans.values()
         for file in filter(None, files):

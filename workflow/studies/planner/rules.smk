@@ -11,7 +11,6 @@ rule prepare_planner:
         skin="<results>/{home}/{case}/skin.vtp",
         bone="<results>/{home}/{case}/bone.vtp",
         lifts=INPUTS.prediction.of_ensemble("lifts"),
-        covariates="<results>/{home}/{case}/covariates.json",
         quality="<results>/{home}/{case}/quality.json",
         plans=INPUTS.patients.plans,
         archive=lambda wildcards: STUDY.choice.files,
