@@ -1,4 +1,5 @@
-"""docs/how-to/importing.md, typed as the page says: labels of a free tool, a DICOM series, a plan and two arches."""
+"""docs/how-to/importing.md, typed as the page says in a fresh clone: labels of a free tool, a DICOM series, a plan and
+two arches."""
 
 import json
 import os
@@ -17,8 +18,7 @@ from pinnochio.virtual.scanned import sample_patient
 from tests.helpers import tools
 from tests.helpers.dicom import save_series
 from tests.helpers.documents import bash_blocks
-from tests.helpers.settings import DATA, ROOT
-from tests.helpers.study import Project
+from tests.helpers.settings import ROOT
 
 STILL = {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "translation": [0, 0, 0], "pivot": [0, 0, 0]}
 ADVANCED = {"lefort1": [0, -4, 0], "mandible_distal": [0, -5, 0]}
@@ -27,37 +27,36 @@ BITE = RigidMotion.from_degrees((1, 0, 1), (0.5, 5, 1), (0, -60, -60))  # a setb
 
 
 @pytest.fixture
-def project(tmp_path):
-    """A copy of the project beside the real heads, with the plan of both jaws that the page names."""
-    (tmp_path / "project").mkdir()
-    (tmp_path / "shared").symlink_to(DATA.parent)
-    project = Project(tmp_path / "project")
+def clone(tmp_path):
+    """A fresh clone of what is committed, with the plan of both jaws that the page names."""
+    folder = tmp_path / "pinnochio"
+    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(folder)], check=True)
     moved = {name: STILL | {"translation": way} for name, way in ADVANCED.items()}
     segments = moved | {"proximal_left": STILL, "proximal_right": STILL}
-    (project.folder / "advance.json").write_text(json.dumps({"case": "P01", "segments": segments}))
-    return project
+    (folder / "advance.json").write_text(json.dumps({"case": "P01", "segments": segments}))
+    return folder
 
 
-def typed(block, project):
-    """Type a block of the page in a shell, in the project with its environment active."""
+def typed(block, folder):
+    """Type a block of the page in a shell, in the folder with the environment active."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    settings = {"cwd": project.folder, "env": os.environ | {"PATH": path}, "capture_output": True, "text": True}
+    settings = {"cwd": folder, "env": os.environ | {"PATH": path}, "capture_output": True, "text": True}
     done = subprocess.run(["bash", "-euc", block], **settings, check=False)
     assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
 
 
-def test_a_virtual_head_is_predicted_by_the_commands_of_the_page(project):
+def test_a_virtual_head_is_predicted_by_the_commands_of_the_page(clone):
     head = build_head(sample_patient(np.random.default_rng(3), "class_iii"), 3.0)
-    tools.write(project.folder / "segmentation.nii.gz", tools.dental(head), head)
-    save_series(project.folder / "dicom", tools.scan(head), np.eye(3), head.spacing, head.origin)
-    tools.save_arches(project.folder, tools.arches(head, BITE))
-    settings = project.folder / "config/config.yaml"  # so that the commands stay those of the page
+    tools.write(clone / "segmentation.nii.gz", tools.dental(head), head)
+    save_series(clone / "dicom", tools.scan(head), np.eye(3), head.spacing, head.origin)
+    tools.save_arches(clone, tools.arches(head, BITE))
+    settings = clone / "config/config.yaml"  # so that the commands stay those of the page
     config = yaml.safe_load(settings.read_text(encoding="utf-8"))
     config["mesh"]["nodes"] = 1500  # for speed
     settings.write_text(yaml.safe_dump(config), encoding="utf-8")
-    typed(PREDICT, project)
+    typed(PREDICT, clone)
 
-    home = project.folder / "results/patients/P01"
+    home = clone / "results/patients/P01"
     assert (home / "segments.png").stat().st_size > 100_000
     assert (home / "plans_fem_sliding.html").stat().st_size > 100_000
     for name in ("advance", "bite"):
