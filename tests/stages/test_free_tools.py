@@ -21,6 +21,7 @@ from scripts.patient.show_segments import show_segments
 from tests.helpers import tools
 from tests.helpers.tools import SEGMENTS, run
 
+SHOWN = ("bone.vtp", "skin.vtp", "report.json")
 FOUR = ["lefort1", "mandible_distal", "proximal_left", "proximal_right"]
 
 
@@ -61,9 +62,8 @@ def as_tool(preset, masks) -> np.ndarray:
     for name, value in layers:
         values[masks[name]] = value
     if preset == "nasomaxilla":  # its skull without the maxilla, which has a value of its own
-        values[
-            masks["skull"] & ~below & (np.arange(tissue.shape[2]) < np.argwhere(masks["upper_teeth"])[:, 2].max() + 4)
-        ] = 3
+        low = np.arange(tissue.shape[2]) < np.argwhere(masks["upper_teeth"])[:, 2].max() + 4
+        values[masks["skull"] & ~below & low] = 3
     if preset == "universal":  # each tooth has its own; here right and left of both jaws
         left = np.arange(tissue.shape[0])[:, None, None] > tissue.shape[0] / 2
         values[masks["upper_teeth"] & left], values[masks["lower_teeth"] & left] = 9, 24
@@ -93,7 +93,7 @@ def test_cuts_lie_where_surgeons_cut(head, imported, tmp_path):
     right, left = (np.array(said["landmarks"][name]["place"]) for name in ("RCo", "LCo"))
     assert left[0] > 35 and right[0] < -35 and left[2] > np.array(said["landmarks"]["LGo"]["place"])[2] + 30
     assert "nothing labelled tells left from right" in said["frame"]["sides"]
-    show_segments(*(str(folder / "out" / name) for name in ("bone.vtp", "skin.vtp", "report.json")), tmp_path / "a.png")
+    show_segments(*(str(folder / "out" / name) for name in SHOWN), tmp_path / "a.png")
     assert list(BoneSurface.read(folder / "out/bone.vtp").segments) == FOUR
     assert (tmp_path / "a.png").stat().st_size > 50_000
 
@@ -117,6 +117,7 @@ def test_landmarks_and_planes_decide_and_are_said(head, scan, tmp_path):
     said = run(tmp_path, path, volume=scan, cuts=("lefort1", "split", "chin"))[0]
     menton = np.array(said["landmarks"]["Me"]["place"])
     points = [tools.points(tmp_path / "a.mrk.json", frame="RAS", Me=menton + [0, 0, 4])]
+    points += [tools.plane(tmp_path / "m.mrk.json", "Midline plane", [0, 0, 0], [1, 0, 0])]  # of SlicerOsteotomyCuts
     level = float(np.array(said["landmarks"]["ANS"]["place"])[2])
     for how in ("normal", "matrix"):
         cut = [tools.plane(tmp_path / "b.mrk.json", "lefort1", [0, -60, level], [0, 0.1, -1], how)]
@@ -159,9 +160,7 @@ def test_pieces_that_are_cut_already_go_before_the_rule(head, scan, imported, tm
     layers = [tools.dental(head) == value for value in range(1, 6)] + [*made.values()]
     path = tmp_path / "P1.seg.nrrd"
     segments = [(name, 1, number) for number, name in enumerate(names)]
-    tools.write_seg_nrrd(
-        path, [layer.astype(np.uint8) for layer in layers], segments, np.eye(3), head.spacing, head.origin
-    )
+    tools.write_seg_nrrd(path, layers, segments, np.eye(3), head.spacing, head.origin)
     (tmp_path / "segmentation").mkdir()
     tools.write(tmp_path / "segmentation/P1.nii.gz", tools.dental(head), head)
     for name, mask in made.items():
@@ -211,14 +210,18 @@ def test_surfaces_alone_become_a_case_whose_open_skin_is_closed(head, front, tmp
     assert inside.mean() > 0.98 and (there > 0).mean() > 0.97
     for soft in (True, False):
         assert agreement(np.isin(here, (1, 2)) == soft, np.isin(there, (1, 2)) == soft) > 0.9
-    show_segments(
-        *(str(tmp_path / "out" / name) for name in ("bone.vtp", "skin.vtp", "report.json")), tmp_path / "a.png"
-    )
+    show_segments(*(str(tmp_path / "out" / name) for name in SHOWN), tmp_path / "a.png")
     red, green, blue = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), int).reshape(-1, 3).T
     assert ((red - blue > 30) & (red - green > 12)).mean() > 0.02  # the planes
-    (folder / "mandible.ply").rename(folder / "jaw.ply")
-    with pytest.raises(InputError, match="'jaw' bears no name of the tool"):
-        run(tmp_path, folder)
+    (folder / "upper teeth.vtp").unlink()
+    for name, said in (
+        ("bone.ply", "nothing says what the surface 'bone' is.*mandible.*part one of all bones first"),
+        ("upper_teeth.ply", "no mandible is labelled.*part one of all bones first"),
+        ("mandible.vtk", r"mandible\.vtk: such surfaces are not read.*\.stl"),
+    ):
+        next(folder.glob("*.ply")).rename(folder / name)
+        with pytest.raises(InputError, match=said):
+            run(tmp_path, folder)
 
 
 def test_without_the_split_the_mandible_stays_whole(head, scan, tmp_path):

@@ -15,6 +15,7 @@ from pinnochio.geometry.surface_integrity import check_surface, read_mesh, read_
 from pinnochio.geometry.triangles import enclosed_volume, face_normals
 
 SURFACE_FORMATS = (".ply", ".stl", ".obj", ".vtp")
+UNREAD = (".vtk", ".off", ".3mf", ".glb", ".gltf", ".wrl", ".amf")  # .vtk: as 3D Slicer saves models by itself
 SPACING = 1.0  # mm; half the thinnest plate of bone that the later stages keep
 MARGIN = 15  # voxels of air round the head where it is whole, more than the edge of a lattice cell
 CUT_AREA, CUT_FLATNESS = 1000.0, 0.2  # mm2, mm: so much skin so flat at an end of the head is a cut, as at the neck
@@ -23,16 +24,19 @@ Surface = tuple[np.ndarray, np.ndarray]
 Refuse = Callable[..., None]  # refuse(problem, remedy, file=...) raises InputError
 
 
-def surfaces_in(folder: str | os.PathLike) -> list[Path]:
-    """The surface files of a folder by name; none where the path is no folder."""
+def surfaces_in(folder: str | os.PathLike, refuse: Refuse | None = None) -> list[Path]:
+    """The surface files of a folder by name; none where the path is no folder. One of UNREAD is refused by `refuse`."""
     files = sorted(Path(folder).iterdir()) if Path(folder).is_dir() else []
-    return [file for file in files if not file.name.startswith(".") and file.suffix.lower() in SURFACE_FORMATS]
+    files = [file for file in files if not file.name.startswith(".")]
+    if refuse and (unread := [file for file in files if file.suffix.lower() in UNREAD]):
+        refuse("such surfaces are not read", f"save it as one of {', '.join(SURFACE_FORMATS)}", file=unread[0])
+    return [file for file in files if file.suffix.lower() in SURFACE_FORMATS]
 
 
 def surface_files(folder: str | os.PathLike, refuse: Refuse) -> dict[str, Path]:
     """The surface files of a folder by their stem, the name of the structure."""
     files: dict[str, Path] = {}
-    for file in surfaces_in(folder):
+    for file in surfaces_in(folder, refuse):
         if file.stem in files:
             refuse(f"{file.stem!r} has two surfaces", "keep one file per structure", file=file)
         files[file.stem] = file

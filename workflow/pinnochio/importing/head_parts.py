@@ -57,6 +57,8 @@ SMALLEST_HEAD = 0.3  # of the volume of the bones: less soft tissue is no face [
 RANK = {UPPER_TEETH: 8, LOWER_TEETH: 8, CANAL: 4, SKULL: 4, MANDIBLE: 4, MUSCLE: 2, NOTHING: 1, SOFT: 0.4, HEAD: 0.2}
 RANK |= dict.fromkeys(PIECES.values(), 7.9)  # over bone where half of a voxel is theirs, not over teeth
 NOUN = {SKULL: "skull", MANDIBLE: "mandible"}
+PARTED = "name each surface for what it shows: skull, mandible, upper_teeth, lower_teeth, skin, or a piece such as "
+PARTED += "lefort1; part one of all bones first (loose parts in Blender, islands in 3D Slicer's Segment Editor)"
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,7 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
         if not (BONE_OF[values] == part).any():
             refuse(
                 f"no {name} is labelled; it holds {', '.join(centre) or 'nothing'}",
-                f"check that it is what {preset!r} writes, or choose another preset in 'labels'",
+                PARTED if surfaces_in(path) else f"check that it is what {preset!r} writes, or choose another preset",
             )
     pairs = [pair for pair in tool.sides if set(pair) <= centre.keys()]
     wrong = [pair for pair in pairs if centre[pair[0]] < centre[pair[1]]]
@@ -235,7 +237,7 @@ def _structures(path, tool: Preset, refuse, direction=None) -> Iterator[tuple[Pa
             for file in sorted(path.iterdir())
             if file.name.lower().endswith(IMAGE_FORMATS) and not file.name.startswith(".")
         ]
-        if surfaces_in(path) or not files:
+        if surfaces_in(path, refuse) or not files:
             files.append(path)
     sources: dict[str, Path] = {}
     for file in files:
@@ -244,6 +246,8 @@ def _structures(path, tool: Preset, refuse, direction=None) -> Iterator[tuple[Pa
         kinds = [kind for kind in tool.maps if kind in stem]
         if file.is_dir():  # beside a label map there is no more than the surfaces
             image, segments = read_surfaces(file, direction, refuse, len(files) == 1)
+            if strange := [segment.name for segment in segments if tool.structure(segment.name) is None]:
+                refuse(f"nothing says what the surface {strange[0]!r} is", PARTED)
         else:
             image, segments = read_segments(file, refuse_file, may_be_empty=path.is_dir())
         if not segments:  # as of what a tool looks for and does not find

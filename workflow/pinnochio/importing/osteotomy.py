@@ -83,7 +83,7 @@ def osteotomy(head: HeadParts, cuts: Sequence[str], markups: Markups, case: str,
     landmarks |= {name: (place, "given") for name, place in _marked(head, markups, landmarks, case, refuse).items()}
     known = {plain_name(name): name for name in (LEFORT, CHIN, *(f"{SPLIT}_{side}" for side in SIDES))}
     planes = {known.get(plain_name(name), name): plane for name, plane in markups.planes.items()}
-    if strange := [name for name in planes if name not in known.values()]:
+    if strange := [name for name in planes if name not in known.values() and "midline" not in plain_name(name)]:
         refuse(f"plane {strange[0]!r} is no cut known here", f"name the planes {', '.join(known.values())}")
     upper, lower = np.isin(parts, UPPER), np.isin(parts, LOWER)
     bone = np.where(upper | lower, CRANIUM, AIR).astype(np.uint8)

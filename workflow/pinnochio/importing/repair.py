@@ -53,13 +53,9 @@ def repair(
         was, now = raw == code, labels == code
         changed, size = int((was != now).sum()), int(was.sum())
         if code != AIR and not 100 * changed <= limit_percent * size:
-            raise InputError(
-                case,
-                file,
-                f"stray voxels, fragments and holes make up {100 * changed / max(size, 1):.3g} % of {name!r} "
-                f"({changed} of {size} voxels; the limit is {limit_percent:g} %)",
-                f"clean {name!r} in the segmentation, or raise 'repair.limit'",
-            )
+            problem = f"stray voxels, fragments and holes make up {100 * changed / max(size, 1):.3g} % of {name!r} "
+            problem += f"({changed} of {size} voxels; the limit is {limit_percent:g} %)"
+            raise InputError(case, file, problem, f"clean {name!r} in the segmentation, or raise 'repair.limit'")
     piece, size = _pieces(labels == AIR)
     kept = np.sort(size[_enclosed(piece, size)])[::-1]
     statements += [_statement("air", KEPT, voxels) for voxels in kept]

@@ -282,12 +282,8 @@ def check_travel(plan: Plan, bone: BoneSurface, segments: Sequence[str], path: s
         moved = plan.motion(name).displacement(bone.points[bone.segment == index])
         farthest = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
         if not farthest <= LARGEST_TRANSLATION:
-            raise InputError(
-                plan.case,
-                path,
-                f"it carries a point of {name!r} {farthest:.4g} mm away",
-                f"check pivot, rotation and frame (LPS, mm); bones move {LARGEST_TRANSLATION:.0f} mm at most",
-            )
+            remedy = f"check pivot, rotation and frame (LPS, mm); bones move {LARGEST_TRANSLATION:.0f} mm at most"
+            raise InputError(plan.case, path, f"it carries a point of {name!r} {farthest:.4g} mm away", remedy)
 
 
 def read_postop(path: str | os.PathLike, case: str, skin_points) -> tuple[np.ndarray, np.ndarray]:

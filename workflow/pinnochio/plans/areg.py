@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinnochio.errors import InputError
+from pinnochio.errors import refusal
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import UNCUT, of_role
@@ -37,30 +37,22 @@ def read_areg(folder: str | os.PathLike, case: str, segments: Sequence[str]) -> 
     InputError without a matrix of the cranial base, for two of one region, and for a jaw in pieces, whose motions one
     matrix cannot tell.
     """
-    files: dict[str, Path] = {}
+    refuse, files = refusal(case, folder), {}
     for file in matrices(folder):
         region = NAME.fullmatch(file.stem)[1]
         if region in files:
-            raise InputError(
-                case, file, f"{files[region].name} is of the same region", "keep one patient's matrices in a folder"
-            )
+            refuse(f"{files[region].name} is of the same region", "keep one patient's matrices in a folder", file=file)
         files[region] = file
     if BASE not in files or len(files) == 1:
         lacking = "the cranial base (*_CB*_matrix.tfm)" if BASE not in files else "a jaw (*_MAX*, *_MAND*_matrix.tfm)"
-        raise InputError(
-            case, folder, f"AReg's matrix of {lacking} is not there", "register the two scans on it as well"
-        )
+        refuse(f"AReg's matrix of {lacking} is not there", "register the two scans on it as well")
     turn, back, _ = read_rigid(files.pop(BASE), case)  # CB^-1 x = turn (x - back)
     motions = {}
     for region, file in files.items():
         members = of_role(segments, *JAWS[region])
         if len(members) != 1:
-            raise InputError(
-                case,
-                file,
-                f"the patient has {', '.join(members) or 'no segment'} there",
-                "give a segmentation made after surgery as the plan instead",
-            )
+            held = ", ".join(members) or "no segment"
+            refuse(f"the patient has {held} there", "give a segmentation made after surgery as the plan", file=file)
         rotation, offset, _ = read_rigid(file, case)  # JAW x = rotation' x + offset
         whole = turn @ rotation.T
         motions[members[0]] = about_its_axis(whole, whole.T @ turn @ (back - offset), np.zeros(3))

@@ -71,12 +71,8 @@ def read_transforms(folder: str | os.PathLike, case: str) -> dict[str, RigidMoti
         else:
             files[file.stem] = file
     if not files:
-        raise InputError(
-            case,
-            folder,
-            "the folder holds no transform",
-            f"save one per segment as {{segment}}{', '.join(TRANSFORM_FORMATS)}",
-        )
+        remedy = f"save one per segment as {{segment}}{', '.join(TRANSFORM_FORMATS)}"
+        raise InputError(case, folder, "the folder holds no transform", remedy)
     return {segment: _read_motion(file, case) for segment, file in files.items()}
 
 
@@ -99,12 +95,8 @@ def write_transforms(motions: Mapping[str, RigidMotion], folder: str | os.PathLi
 def _read_motion(file: Path, case: str) -> RigidMotion:
     motion = about_its_axis(*read_rigid(file, case))
     if not np.linalg.norm(motion.translation) <= LARGEST_TRANSLATION:
-        raise InputError(
-            case,
-            file,
-            f"it moves the bone by {np.linalg.norm(motion.translation):.0f} mm",
-            f"save translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)",
-        )
+        problem = f"it moves the bone by {np.linalg.norm(motion.translation):.0f} mm"
+        raise InputError(case, file, problem, f"save translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)")
     return motion
 
 
