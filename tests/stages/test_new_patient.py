@@ -225,7 +225,9 @@ def test_the_page_shows_its_profile_on_a_small_laptop_and_a_phone(patient, archi
             page = browser.new_page(viewport={"width": width, "height": height})
             wrong = uncaught(page)
             page.goto(Path(files[2]).as_uri())
+            page.click("summary")
             assert page.evaluate("document.documentElement.scrollWidth") <= width
+            assert all(one.bounding_box()["width"] <= width for one in page.locator("table:not(details table)").all())
             drawn, lines = page.locator(".profile svg"), page.locator(".profile svg path")
             box = drawn.bounding_box()
             assert box["x"] >= 0 and box["x"] + box["width"] <= width and box["height"] > 300
