@@ -74,10 +74,11 @@ def test_numbers_are_those_of_the_tables(page):
     assert not set(DECIMAL.findall(text)) - listed
 
 
-def test_results_hold_the_reference_table():
+@pytest.mark.parametrize("cohort", ["development", "locked"])
+def test_results_hold_the_reference_table(cohort):
     """Every method in the order of the table: CD, share within 2 mm, seconds, explained share, Holm's p."""
-    text = (ROOT / "docs/results/development.md").read_text(encoding="utf-8")
-    rows = pd.read_csv(REFERENCE / "better.csv").query("not bound")
+    text = (ROOT / f"docs/results/{cohort}.md").read_text(encoding="utf-8")
+    rows = pd.read_csv(REFERENCE / ("locked" if cohort == "locked" else "") / "better.csv").query("not bound")
     lines = [
         f"| `{row.method}` | {row.cd_mean:.3f} ± {row.cd_sd:.3f} | {row.pwr2_mean:.1f} | {row.seconds_mean:.3f} "
         f"| {100 * row.explained:.1f} | {'' if pd.isna(row.p_holm) else f'{row.p_holm:.2g}'} |"
@@ -88,15 +89,15 @@ def test_results_hold_the_reference_table():
 
 @pytest.mark.parametrize("page", SHORT, ids=["README", "results"])
 def test_short_tables_hold_five_rows_of_the_reference(page):
-    """Those of the development cohort, rounded, with their day; seconds are those of the table or rounded."""
+    """Those of the locked cohort, rounded, with their day; seconds are those of the table or rounded."""
     text = page.read_text(encoding="utf-8")
-    accuracy = pd.read_csv(REFERENCE / "accuracy.csv").set_index("method")
+    accuracy = pd.read_csv(REFERENCE / "locked/accuracy.csv").set_index("method")
     shown = {row[0]: row for row in (line.strip("| ").split(" | ") for line in text.splitlines()) if len(row) == 4}
     for name, method in SHORT_ROWS.items():
         measured, row = accuracy.loc[method], [cell.strip("*") for cell in shown[name]]
         assert row[1:3] == [f"{measured['cd_mean']:.2f} ± {measured['cd_sd']:.2f}", f"{measured['pwr2_mean']:.1f}"]
         assert float(row[3]) == pytest.approx(measured["seconds_mean"], rel=0.1, abs=0.001)
-    assert json.loads((REFERENCE / "provenance.json").read_text())["written"][:10] in text
+    assert json.loads((REFERENCE / "locked/provenance.json").read_text())["written"][:10] in text
 
 
 def test_readme_is_short():
