@@ -5,7 +5,8 @@ import pytest
 
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, amounts, motion_of
-from studies.planner.jaws import OVERBITE, OVERJET, Jaws
+from studies.planner.jaws import CRANIUM, LIMIT, OVERBITE, OVERJET, Jaws, named
+from studies.planner.page_words import COLLIDE, USUAL, overlaps
 from studies.planner.session import PRESETS, Session
 from tests.helpers.virtual_heads import face_alone
 
@@ -104,9 +105,32 @@ def test_bones_that_run_into_each_other_are_named_and_shown(patient):
     assert ("lefort1", JAW) in deep and 1 < deep["lefort1", JAW] <= 6 and len(where)
     opened = Plan("V", {JAW: motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"up": -8.0}, np.zeros(3))})
     assert ("lefort1", JAW) not in jaws.collisions(opened)[0]
-    # Both jaws together run into nothing of each other.
-    both = Plan("V", dict.fromkeys(patient.segments, closed.motion(JAW)))
-    assert not jaws.collisions(both)[0]
+    # Both jaws together run into nothing of each other, but into the skull.
+    both = jaws.collisions(Plan("V", dict.fromkeys(patient.segments, closed.motion(JAW))))[0]
+    assert both and all(CRANIUM in pair for pair in both)
+
+
+def test_each_kind_of_overlap_has_its_sentence_and_its_limit(patient):
+    jaws = Jaws(patient)
+    kinds = {"cut": (JAW, RAMI[0]), "removed": ("lefort1", CRANIUM), "teeth": ("lefort1", JAW), "bone": RAMI}
+    for kind, pair in kinds.items():
+        assert jaws.kind(*pair) == jaws.kind(*pair[::-1]) == kind
+        for depth, said in ((LIMIT[kind], (USUAL, [])), (LIMIT[kind] + 0.1, ([], COLLIDE))):
+            expected = [
+                [f"{words[kind].format(LIMIT[kind])}: {named({pair: depth})}."] if words else [] for words in said
+            ]
+            assert [*overlaps({pair: depth}, jaws)] == expected
+    split = Plan("V", {JAW: motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"advance": -4.0, "yaw": 3.0}, np.zeros(3))})
+    deep, where = jaws.collisions(split)
+    assert any(jaws.kind(*pair) == "cut" for pair in deep)
+    assert (len(where) > 0) == any(depth > LIMIT[jaws.kind(*pair)] for pair, depth in deep.items())
+
+
+def test_a_condyle_out_of_its_place_is_named(patient):
+    jaws, turned = Jaws(patient), motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"pitch": 8.0}, Jaws(patient).pivots[RAMI[0]])
+    assert jaws.luxated(Plan("V", {RAMI[0]: turned})) == {}
+    off = jaws.luxated(Plan("V", {RAMI[0]: motion_of(dict.fromkeys(AMOUNTS, 0.0) | {"advance": 3.0}, np.zeros(3))}))
+    assert off == {RAMI[0]: pytest.approx(3)}
 
 
 def test_a_motion_beyond_practice_is_marked_by_its_part(patient):

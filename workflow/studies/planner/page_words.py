@@ -12,7 +12,7 @@ from pinnochio.patients.face_measures import FaceMeasures, in_numbers
 from pinnochio.plans.surgery import amount, segment_in_words
 from pinnochio.statistics.intervals import Calibration
 from studies.planner.forecast import Forecast
-from studies.planner.jaws import Jaws, named
+from studies.planner.jaws import FOSSA, LIMIT, Jaws, named
 from studies.planner.wishing import Fit
 
 FIRST_LOOK = "first look"
@@ -21,19 +21,34 @@ DAMPED = "Not usable: the field turned tissue inside out and was scaled to {:.2g
 OFF = "Not usable: tissue that slides is {:.1f} mm off its bone, beyond its rim."
 FAR_BEYOND = "Not usable: {:.1f} widths of the training's range beyond it."
 REPAIR = "{} elements were turned inside out and solved again."
-COLLIDE = "Bones run into each other: {} (up to {:.1f} mm deep; red points)."
+# Of bones that run into each other by less than LIMIT, and by more.
+USUAL = {
+    "cut": "Bones overlap where they are cut, as surgeons trim it (up to {:g} mm)",
+    "removed": "Skull that is removed above the upper jaw (up to {:g} mm)",
+    "teeth": "Teeth touch (up to {:g} mm)",
+    "bone": "Bones touch (up to {:g} mm)",
+}
+COLLIDE = {
+    "cut": "Bones overlap where they are cut by more than the {:g} mm that are trimmed as a rule (red points)",
+    "removed": "The upper jaw runs more than {:g} mm into the skull (red points)",
+    "teeth": "Teeth run through teeth by more than {:g} mm (red points)",
+    "bone": "Bones run into each other by more than {:g} mm (red points)",
+}
+LUXATED = "A condyle is more than {:g} mm out of its place: {}."
 PRACTICE = "Beyond what is practised: {}."
 CROSS = "Lips would cross by {:.1f} mm; shown in contact."
 STILL = "Nothing is moved, so nothing changes."
 
 
 def about(forecast: Forecast, deep: Mapping[tuple[str, str], float], jaws: Jaws, level: float) -> dict[str, str]:
-    """A forecast in words; deep (mm): how deep pairs of segments run into each other; level: of the interval."""
+    """A forecast in words; deep (mm): how deep pairs of bones run into each other; level: of the interval."""
     half_width = forecast.interval.half_width
     size = f"± {np.nanmedian(half_width):.2f} mm median, {np.nanmax(half_width):.2f} mm at most"
     words = f"{100 * level:g} % interval {size}; "
     words += FIRST_LOOK if forecast.least is None else f"smallest volume ratio {forecast.least:.2f}"
-    marks = [COLLIDE.format(named(list(deep)), max(deep.values()))] if deep else []
+    usual, marks = overlaps(deep, jaws)
+    if luxated := jaws.luxated(forecast.plan):
+        marks.append(LUXATED.format(FOSSA, named({(name,): off for name, off in luxated.items()})))
     if far := jaws.beyond(forecast.plan):
         said = (f"{segment_in_words(name)} {word(part, name)}" for name, parts in far.items() for part in parts)
         marks.append(PRACTICE.format(", ".join(said)))
@@ -41,9 +56,20 @@ def about(forecast: Forecast, deep: Mapping[tuple[str, str], float], jaws: Jaws,
     return {
         "moved": f"{moved}. {STILL}" if forecast.plan.still else moved,
         "more": f"{words}; after {forecast.seconds:.2f} s",
+        "overlaps": " ".join(usual),
         "outside": warning(forecast),
         "marks": " ".join(marks),
     }
+
+
+def overlaps(deep: Mapping[tuple[str, str], float], jaws: Jaws) -> tuple[list[str], list[str]]:
+    """A sentence of each kind of overlap: of those that any plan has, and of those beyond LIMIT."""
+    said = []
+    for words, beyond in ((USUAL, False), (COLLIDE, True)):
+        kinds = {kind: {pair: depth for pair, depth in deep.items()
+                        if jaws.kind(*pair) == kind and (depth > LIMIT[kind]) == beyond} for kind in words}  # fmt: skip
+        said.append([f"{words[kind].format(LIMIT[kind])}: {named(pairs)}." for kind, pairs in kinds.items() if pairs])
+    return said[0], said[1]
 
 
 def import_in_words(imported: Mapping) -> str:
