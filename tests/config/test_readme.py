@@ -3,11 +3,13 @@
 import json
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from pinnochio.code import closure
 from tests.helpers.documents import PAGES
 from tests.helpers.settings import ROOT
 
@@ -23,6 +25,19 @@ SHORT_ROWS = {
 STUDIES = sorted((ROOT / "workflow/studies").glob("*/README.md"))
 CODE = ("scripts", "slicer", "tests", "workflow")
 CHECKED = [ROOT / "README.md", *sorted((ROOT / "docs/results").glob("*.md")), *STUDIES]
+# Runs of docs/results/how_made.md: tables, commit, date, code since, machine; and what makes every table.
+RUNS = [line.strip("| ").split(" | ") for line in (ROOT / "docs/results/how_made.md").read_text().splitlines()]
+RUNS = [run for run in RUNS if len(run) == 5 and "`" in run[1]]
+STAGES = (
+    "cohort/[sv]*",
+    "fem/*",
+    "patient/[!s]*",
+    "training/f*",
+    "training/pre*",
+    "prediction/predict",
+    "tables/[et]*",
+)
+NETWORKS = ("workflow/pinnochio/methods", "workflow/pinnochio/networks", "workflow/pinnochio/training")
 DECIMAL = re.compile(r"(?<![\w.])\d+\.\d+(?:e-?\d+)?")
 
 
@@ -98,6 +113,23 @@ def test_short_tables_hold_five_rows_of_the_reference(page):
         assert row[1:3] == [f"{measured['cd_mean']:.2f} ± {measured['cd_sd']:.2f}", f"{measured['pwr2_mean']:.1f}"]
         assert float(row[3]) == pytest.approx(measured["seconds_mean"], rel=0.1, abs=0.001)
     assert json.loads((REFERENCE / "locked/provenance.json").read_text())["written"][:10] in text
+
+
+@pytest.mark.parametrize("run", RUNS, ids=[run[0] for run in RUNS])
+def test_the_page_marks_what_is_older_than_its_code(run):
+    """The commit is that of the provenance, and `changed` says whether a file that makes the table is another since."""
+    tables, commits, since = re.findall(r"`(\w+)`", run[0]), re.findall(r"`(\w+)`", run[1]), run[3]
+    for record in filter(Path.is_file, (REFERENCE / f"{table}.provenance.json" for table in tables)):
+        assert json.loads(record.read_text())["commit"].startswith(tuple(commits)), record.name
+    rules = {file.parent: file.read_text(encoding="utf-8") for file in ROOT.glob("workflow/studies/*/rules.smk")}
+    studies = [folder for folder, text in rules.items() if any(re.search(rf"\b{table}\b", text) for table in tables)]
+    made = [file for part in STAGES for file in ROOT.glob(f"scripts/{part}.py")]
+    made = closure(*made, *(file for folder in studies for file in folder.glob("*.py")))
+    compared = ["git", "-C", ROOT, "diff", "--quiet", commits[-1], "--", *made, *map(ROOT.joinpath, NETWORKS)]
+    code = subprocess.run(compared, capture_output=True, check=False).returncode
+    if code > 1:
+        pytest.skip("the clone does not hold the commit")
+    assert since == ("changed" if code else "as it is")
 
 
 def test_readme_is_short():

@@ -176,7 +176,7 @@ def test_the_interval_is_named_by_its_level_and_its_map_is_off_at_first(page):
 
 def test_collisions_and_motions_beyond_practice_are_marked(page):
     put(page, JAW, "up", 6)
-    assert "Teeth run through teeth by more than 2 mm (red points): Le Fort I / mandible distal" in page.inner_text("#about_A")
+    assert "Teeth run through teeth by more than 2 mm (red points): Le Fort" in page.inner_text("#about_A")
     put(page, JAW, "up", 0)
     put(page, "lefort1", "advance", 12)
     assert "Beyond what is practised: Le Fort I advance / set back" in page.inner_text("#about_A")

@@ -20,7 +20,6 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.report.parts import PARTS
-from pinnochio.report.skin_view import encode
 from pinnochio.report.study_page import read_body, rounded
 from pinnochio.tables.document import Block, Table, views
 from scripts.report.render_volume import render_volume
@@ -174,15 +173,6 @@ def test_the_view_holds_what_is_predicted_and_its_error(patient, drawn):
     expected = signed_distances(model.skin_points[judged] + [0, -2, 0], *target)
     assert np.allclose(view["step"] * errors[judged], expected, atol=0.0251)
     assert skin["error"] == view["methods"]["no_change"]["error"]
-
-
-def test_numbers_survive_the_page():
-    rng = np.random.default_rng(0)
-    for kind in ("<i2", "<i4"):
-        ends = np.iinfo(kind)
-        values = rng.integers(ends.min, ends.max, (50, 3), endpoint=True)
-        values[3:5, 0] = ends.min, ends.max
-        assert np.array_equal(decode(encode(values, kind), kind, 3), values)
 
 
 def test_a_table_without_a_body_is_refused(tmp_path):

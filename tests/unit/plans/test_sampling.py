@@ -193,12 +193,6 @@ def test_chin_travels_with_the_jaw_and_further_forward():
     assert np.allclose(extra, [0, extra[0, 1], 0], atol=1e-9) and -10 <= extra[0, 1] < 0
 
 
-def test_same_seed_same_plan():
-    points, segment = bones()
-    texts = [sample_plan(np.random.default_rng(s), "P", SEGMENTS, points, segment).to_json() for s in (5, 5, 6)]
-    assert texts[0] == texts[1] != texts[2]
-
-
 def test_execution_error_has_the_published_size():
     """Mean and SD of the absolute error of 4,000 executions, within 6%; proximal segments half; scale 0 the plan."""
     still = Plan("P", {"lefort1": RigidMotion(), "proximal_left": RigidMotion()})

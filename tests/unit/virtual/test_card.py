@@ -7,7 +7,6 @@ import subprocess
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
@@ -178,11 +177,3 @@ def test_a_cohort_is_compared_with_its_frozen_checksums(tmp_path):
     with pytest.raises(InputError, match="2 of 3 files are not as they were frozen, the first is b"):
         verify_cohort(made, str(frozen), str(table))
     assert table.read_text().splitlines()[1:] == ["a,same", "b,differs", "c,missing"]
-
-
-def test_the_angle_of_a_motion_is_its_whole_rotation(anatomies):
-    turned = Rotation.from_euler("xyz", [3, 4, 5], degrees=True)
-    plans = [Plan(case, {"chin": RigidMotion(turned.as_matrix())}) for case in CASES]
-    card = data_card(anatomies, plans, seed=1, code="", virtual=VIRTUAL, labels=LABELS)
-    (row,) = [row for row in cells(card, DEFORMITIES[1]) if row[1] == "chin"]
-    assert row[-1].startswith(f"{np.degrees(turned.magnitude()):.1f} ± 0.0")

@@ -44,11 +44,6 @@ def test_deformities_do_what_they_are_called(cohorts):
     assert get["open_bite"]["open_bite"].min() >= 2.5 > get["class_ii"]["open_bite"].max()
 
 
-def test_same_seed_same_patient():
-    one, two, other = (sample_patient(np.random.default_rng(s), "class_ii") for s in (3, 3, 4))
-    assert one == two and one != other
-
-
 def test_unknown_deformity_is_refused():
     with pytest.raises(ValueError, match="class_ii, class_iii"):
         sample_patient(np.random.default_rng(0), "class_iv")

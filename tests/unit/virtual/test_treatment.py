@@ -49,12 +49,6 @@ def test_plan_straightens_an_asymmetric_jaw(number):
         assert abs(left - right) < 0.7 * abs(before)
 
 
-def test_same_seed_same_plan():
-    head = virtual_head("class_iii")
-    texts = [treatment_plan(head, np.random.default_rng(s), "V").to_json() for s in (1, 1, 2)]
-    assert texts[0] == texts[1] != texts[2]
-
-
 def test_overlap_is_the_volume_of_the_shared_voxels():
     """A copy of the maxilla moved by whole voxels shares with the mandible what shifting the array shares."""
     head = virtual_head("class_ii")

@@ -42,6 +42,22 @@ REPAIRED = 0.01  # share of the elements above which the repair is no small matt
 # left its bone [X: docs/lab/stability.md].
 SWEPT = 10.0, 15.0
 FAR = 1.0  # widths of the training's range beyond what is usual from which nothing is usable
+# What to do about a line that speaks against the prediction.
+SOLVE = "Predict with finite elements (predict.method: fem_sliding), or plan a smaller movement"
+UNLIKE = "Take the interval for a guess, or predict with finite elements (predict.method: fem_sliding)"
+ADVICE = {
+    "Bones unlike people's": "Look at segments.png, and correct labels or cuts",
+    "Solver": "Plan a smaller movement or take another mesh (mesh.nodes); this face is not the plan's",
+    **dict.fromkeys(("Corrections", "Inversion repair", "Elements turned inside out", "Smallest volume ratio (min J)",
+                     "Residual", "Boundary mismatch, moving", "Boundary mismatch, sliding"), SOLVE),
+    "Sliding tissue off its bone": "Plan a smaller movement; nobody knows what holds the tissue there",
+    "Motion of the bones": "Hold the face against one after a smaller movement",
+    "Farthest from linear elasticity": "Look at that place before believing it",
+    "Edge of the scan": "Take a scan that shows more about the face",
+    "Lips that cross": "Read nothing off the lips; they are shown in contact",
+    "Detail of the skin": "Finite elements on a mesh of 20,000 nodes (mesh.nodes): 2 s a plan, show lips and nose",
+    **dict.fromkeys(("Bone segments", "Muscle layer", "Anatomy", "Plan"), UNLIKE),
+}  # fmt: skip
 
 
 class Finding(NamedTuple):
@@ -160,11 +176,11 @@ def in_words(certificate: Mapping) -> list[Finding]:
 
 
 def verdict(certificate: Mapping) -> CertificateGrade:
-    """What all rows of a certificate come to, and those that speak against using the prediction."""
+    """What all rows of a certificate come to, and what to do about those that speak against using the prediction."""
     rows = in_words(certificate)
     for grade, chosen in ((NOT_USABLE, [row for row in rows if row.bad]), (CARE, [o for o in rows if o.good is False])):
         if chosen:
-            return CertificateGrade(grade, tuple(f"{row.what}: {row.value}" for row in chosen))
+            return CertificateGrade(grade, tuple(f"{ADVICE[row.what]} ({row.what}: {row.value})" for row in chosen))
     return CertificateGrade(USABLE, ())
 
 

@@ -25,6 +25,8 @@ from pinnochio.plans.surgery import in_words as motion_in_words
 from pinnochio.plans.surgery import near_bone, segment_in_words
 
 VIEWS = {"front": FRONT, "oblique": OBLIQUE, "left side": SIDE}
+BAR = {"title": "mm", "vertical": True, "color": "black", "label_font_size": 16, "title_font_size": 16, "n_labels": 4,
+       "fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "width": 0.08}  # fmt: skip
 
 TEMPLATE = Path(__file__).with_name("prediction_page.html")
 FILES = {
@@ -97,44 +99,42 @@ def motions_in_words(patient: PatientModel, plan: Plan) -> dict[str, str]:
 
 def _faces(patient: PatientModel, plan: Plan, before: pv.PolyData, after: pv.PolyData) -> bytes:
     """Two rows: the skin before and after, from three sides."""
-    plotter = _panels(2)
+    plotter = panels(2)
     for row, (title, skin, shown) in enumerate((("before", before, REST), ("after", after, plan))):
         for column, (view, direction) in enumerate(VIEWS.items()):
             plotter.subplot(row, column)
             add_face(plotter, skin, patient, shown)
             finish(plotter, f"{title}, {view}", direction)
-    return _png(plotter)
+    return png(plotter)
 
 
 def _bones(patient: PatientModel, plan: Plan) -> bytes:
     """The bones after the plan from three sides."""
-    plotter = _panels(1)
+    plotter = panels(1)
     for column, (view, direction) in enumerate(VIEWS.items()):
         plotter.subplot(0, column)
         add_bone(plotter, patient, plan)
         finish(plotter, view, direction)
-    return _png(plotter)
+    return png(plotter)
 
 
 def _map(skin: pv.PolyData, values: np.ndarray) -> bytes:
     """The skin from three sides, coloured by a value (s,) mm per point, with one scale."""
-    plotter = _panels(1)
+    plotter = panels(1)
     limits = 0, float(np.nanmax(values)) or 1.0
-    bar = {"title": "mm", "vertical": True, "color": "black", "label_font_size": 16, "title_font_size": 16}
-    bar |= {"n_labels": 4, "fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "width": 0.08}
     for column, (view, direction) in enumerate(VIEWS.items()):
         plotter.subplot(0, column)
-        add_values(plotter, skin, values, limits, "viridis", None if column else bar)
+        add_values(plotter, skin, values, limits, "viridis", None if column else BAR)
         finish(plotter, view, direction)
         plotter.camera.zoom(0.9)
-    return _png(plotter)
+    return png(plotter)
 
 
-def _panels(rows: int) -> "pv.Plotter":
+def panels(rows: int) -> "pv.Plotter":
     return pv.Plotter(off_screen=True, shape=(rows, len(VIEWS)), window_size=(1260, 430 * rows), border=False)
 
 
-def _png(plotter: "pv.Plotter") -> bytes:
+def png(plotter: "pv.Plotter") -> bytes:
     """The picture as a file would hold it."""
     picture = io.BytesIO()
     plotter.screenshot(picture)

@@ -116,11 +116,11 @@ def row(
 
 
 def half_widths(wish: Wish, patient: PatientModel, calibration: str | None) -> dict[str, float]:
-    """Half-width (mm) of the interval of finite elements at each wished landmark, where there is one."""
+    """Half-width (mm, degrees) of each wished measure or landmark by finite elements, where it is calibrated."""
     if calibration is None:
         return {}
-    known = Calibration.read(calibration).half_width
-    widths = {name: known.get(region) for name, region in regions_of(wish, patient).items()}
+    known = Calibration.read(calibration)
+    widths = known.measures | {name: known.half_width.get(of) for name, of in regions_of(wish, patient).items()}
     return {name: width for name, width in widths.items() if width is not None}
 
 

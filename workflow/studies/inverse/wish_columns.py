@@ -37,7 +37,7 @@ REACHED = (
     number("wished", "", "how far it is off before surgery", ".3f"),
     number("error", "", "how far the proposal misses it", ".3f"),
     Column("reached", bool, "", "whether the error is within the limit of the configuration"),
-    number("half_width", "mm", "of the interval of finite elements at a landmark, where calibrated", ".2f"),
+    number("half_width", "of the row", "of the interval of finite elements, where calibrated", ".2f"),
 )
 MOTIONS = (CASE, OPERATION, Column("segment", str, "", "bone"), *MOVES)
 COMBINATIONS = (

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pyvista as pv
 
-from pinnochio.figures.patient import FRONT, SIDE, SKIN, UNKNOWN, add_bone, finish, skin_of
+from pinnochio.figures.patient import FRONT, SIDE, SKIN, add_bone, add_values, finish, skin_of
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH, verdict
-from pinnochio.patients.prediction_page import _png
+from pinnochio.patients.prediction_page import BAR, panels, png
 from pinnochio.plans.surgery import in_words, segment_in_words
 from pinnochio.web_pages import write_page
 from studies.inverse.alternatives import Answer
@@ -45,15 +45,8 @@ def write_wish_page(
     wishes = []
     for item in wish:
         missed = [row for row in reached if row["wish"] == item.name]
-        wishes.append(
-            (
-                item.name.replace("_", " "),
-                item.unit,
-                missed[0]["wished"],
-                missed[0]["half_width"],
-                [(row["error"], row["reached"]) for row in missed],
-            )
-        )
+        before = item.name.replace("_", " "), item.unit, missed[0]["wished"], missed[0]["half_width"]
+        wishes.append((*before, [(row["error"], row["reached"]) for row in missed]))
     grades = {
         name: "did not converge" if said is None else ", ".join((verdict(said).grade, *verdict(said).reasons))
         for name, said in certificates.items()
@@ -64,9 +57,7 @@ def write_wish_page(
         null_space[names[name]] = [
             f"± {min(bone, LARGEST):.1f} mm: "
             + _said(as_motions(answer.freedom, answer.proposal.x, min(bone, LARGEST) * direction))
-            for direction, bone in zip(
-                known.directions[known.hidden][:SHOWN], known.bone[known.hidden][:SHOWN], strict=True
-            )
+            for direction, bone in [*zip(known.directions[known.hidden], known.bone[known.hidden], strict=True)][:SHOWN]
         ]
     surface = any(isinstance(item, SurfaceWish) for item in wish)
     write_page(
@@ -101,16 +92,13 @@ def _said(motions: Mapping[str, RigidMotion]) -> str:
 
 def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> bytes:
     """Bones, the face from the front and from the side, with the residual of the wish."""
-    plotter = pv.Plotter(off_screen=True, shape=(1, 3), window_size=(1260, 430), border=False)
-    proposal = answer.proposal
+    plotter, proposal = panels(1), answer.proposal
     skin = skin_of(patient, proposal.displacement)
     surface = next((item for item in wish if isinstance(item, SurfaceWish)), None)
     places = [item for item in wish if isinstance(item, PlaceWish)]
     plotter.subplot(0, 0)
     add_bone(plotter, patient, proposal.plan)
     finish(plotter, "bones", FRONT)
-    bar = {"title": "mm", "vertical": True, "color": "black", "label_font_size": 16, "title_font_size": 16}
-    bar |= {"n_labels": 5, "fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "width": 0.08}
     for column, (title, direction) in enumerate({"front": FRONT, "left side": SIDE}.items(), 1):
         plotter.subplot(0, column)
         if surface is None:
@@ -118,20 +106,11 @@ def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> bytes:
         else:
             off = surface.distances(proposal.displacement)
             far = max(float(np.nanpercentile(np.abs(off), 99)), 0.1)
-            plotter.add_mesh(
-                skin,
-                scalars=off,
-                cmap="coolwarm",
-                clim=(-far, far),
-                nan_color=UNKNOWN,
-                show_scalar_bar=column == 1,
-                scalar_bar_args=bar,
-                copy_mesh=True,
-            )
+            add_values(plotter, skin, off, (-far, far), "coolwarm", BAR if column == 1 else None)
         for item in places:
             here = item.mark.moved(proposal.displacement)[0]
             plotter.add_mesh(pv.Line(here, item.target), color="#a40000", line_width=3)
             plotter.add_points(here[None], color="#1f3fbf", point_size=9, render_points_as_spheres=True)
             plotter.add_points(item.target[None], color="#a40000", point_size=9, render_points_as_spheres=True)
         finish(plotter, title, direction)
-    return _png(plotter)
+    return png(plotter)

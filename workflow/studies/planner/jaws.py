@@ -42,17 +42,13 @@ class Jaws:
         self.upper, self.lower = (of_role(self.segments, *roles) for roles in ((MAXILLA,), LOWER))
         self.chin, self.rami = of_role(self.segments, "chin"), of_role(self.segments, "proximal")
         self._edges = self._incisors()
-        self._trees, self._touching = {}, {}
+        self._trees = {}
         for index, name in enumerate((*self.segments, CRANIUM)):
             bone = patient.bone_segment == (index if name != CRANIUM else -1)
             if bone.any():
-                self._trees[name] = (
-                    patient.bone_points[bone],
-                    patient.bone_normals[bone],
-                    cKDTree(patient.bone_points[bone]),
-                )
-        for pair in self._pairs():
-            self._touching[pair] = self._depth(*pair, RigidMotion())
+                points = patient.bone_points[bone]
+                self._trees[name] = points, patient.bone_normals[bone], cKDTree(points)
+        self._touching = {pair: self._depth(*pair, RigidMotion()) for pair in self._pairs()}
 
     def followers(self, segment: str, locked: bool) -> list[str]:
         """Segments that take the same step as a moved one: chin with its mandible; if locked, jaw with jaw."""
