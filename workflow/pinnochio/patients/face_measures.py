@@ -94,7 +94,7 @@ class FaceMeasures:
                 read = [LANDMARKS.index(point) for point in MEASURES[name].points]
                 spread[name] = np.nan if width is None else width * wider[read].max()
         rows = [
-            MeasureRow(name, one.title, one.unit, one.positive, before, now, now - before, spread[name])
+            MeasureRow(name, one.title, one.unit, one.positive, before, now, now - before, spread[name] + 0 * now)
             for (name, one), before, now in zip(MEASURES.items(), self._before, measure(moved), strict=True)
         ]
         shift = moved - self.landmarks.positions
