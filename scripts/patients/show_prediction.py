@@ -10,18 +10,11 @@ from pinnochio.statistics.intervals import Calibration
 
 
 def show_prediction(
-    case: str,
-    model: str,
-    plan: str,
-    result: str,
-    certificate: str,
-    measures: str,
-    page: str,
-    calibration: str | None = None,
+    case: str, model: str, plan: str, result: str, certificate: str, measures: str, page: str, calibration: str = ""
 ) -> None:
     """Write pictures, maps, measures and the certificate in words as one HTML file, and the measures as a table.
 
-    calibration: that of the interval, if the result is one.
+    calibration: that of the interval, empty of a result that is none.
     """
     patient = PatientModel.read(model)
     prediction = read_result(result, case, patient)

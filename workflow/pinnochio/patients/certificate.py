@@ -44,10 +44,11 @@ SWEPT = 10.0, 15.0
 FAR = 1.0  # widths of the training's range beyond what is usual from which nothing is usable
 # What to do about a line that speaks against the prediction.
 SOLVE = "Predict with finite elements (predict.method: fem_sliding), or plan a smaller movement"
+SOLVED = "Plan a smaller movement, or take another mesh (mesh.nodes)"
 UNLIKE = "Take the interval for a guess, or predict with finite elements (predict.method: fem_sliding)"
 ADVICE = {
     "Bones unlike people's": "Look at segments.png, and correct labels or cuts",
-    "Solver": "Plan a smaller movement or take another mesh (mesh.nodes); this face is not the plan's",
+    "Solver": SOLVED,
     **dict.fromkeys(("Corrections", "Inversion repair", "Elements turned inside out", "Smallest volume ratio (min J)",
                      "Residual", "Boundary mismatch, moving", "Boundary mismatch, sliding"), SOLVE),
     "Sliding tissue off its bone": "Plan a smaller movement; nobody knows what holds the tissue there",
@@ -177,10 +178,12 @@ def in_words(certificate: Mapping) -> list[Finding]:
 
 def verdict(certificate: Mapping) -> CertificateGrade:
     """What all rows of a certificate come to, and what to do about those that speak against using the prediction."""
-    rows = in_words(certificate)
+    rows, advice = in_words(certificate), ADVICE
+    if certificate["solution"]["solver"]:  # finite elements have predicted it
+        advice = {what: SOLVED if words == SOLVE else words for what, words in ADVICE.items()}
     for grade, chosen in ((NOT_USABLE, [row for row in rows if row.bad]), (CARE, [o for o in rows if o.good is False])):
         if chosen:
-            return CertificateGrade(grade, tuple(f"{ADVICE[row.what]} ({row.what}: {row.value})" for row in chosen))
+            return CertificateGrade(grade, tuple(f"{advice[row.what]} ({row.what}: {row.value})" for row in chosen))
     return CertificateGrade(USABLE, ())
 
 
