@@ -246,6 +246,15 @@ def test_slicer_segments_are_read_by_name_and_by_value(tmp_path, labels, caplog)
     assert "segments 'Airway' (99) are not named" in caplog.text
 
 
+def test_where_segments_are_named_a_value_by_default_takes_none(tmp_path):
+    """The value of what the labels do not name stands for another segment in the file."""
+    segments = [("Upper teeth" if name == "Mandible" else name, *rest) for name, *rest in ALL]
+    path, labels = seg_nrrd(tmp_path, segments), NAMES | {"mandible": VALUES["mandible"]}
+    assert read_segmentation(path, "P1", labels, SEGMENTS).segments == ("lefort1",)
+    with pytest.raises(InputError, match="voxels of 'Upper teeth' .*because nothing in 'labels' names them"):
+        read_segmentation(path, "P1", labels, SEGMENTS, unnamed_percent=5)
+
+
 def test_overlapping_layers_keep_bone_over_muscle_over_skin_and_segments_over_the_cranium(tmp_path):
     """Nested boxes in three layers; the header lists the innermost first."""
     layers, wanted = np.zeros((3, 60, 60, 60), np.uint8), np.zeros((60, 60, 60), np.uint8)
@@ -439,8 +448,7 @@ def test_a_flat_cut_of_the_skin_is_the_border_of_the_volume_and_a_round_end_is_n
     assert set(head.closed) == (set() if cut == "closed" else {"superficial"})
     for plane in head.closed.get("superficial", ()):
         assert plane["place"][2] == pytest.approx(bottom, abs=0.1) and abs(plane["normal"][2]) > 0.999
-    ends = [(head.labels.take(0, axis) > 0).sum() for axis in range(3)]
-    ends += [(head.labels.take(-1, axis) > 0).sum() for axis in range(3)]
+    ends = [(head.labels.take(end, axis) > 0).sum() for end in (0, -1) for axis in range(3)]
     assert ends[2] > 1000 and sum(ends) == ends[2]
 
 

@@ -27,6 +27,7 @@ from pinnochio.plans.roles import check_together
 
 LOG = logging.getLogger(__name__)
 HEADER = "header"
+REQUIRED = ("superficial", "cranium")
 BESIDE = 0.1  # of the labelled rim of a piece: a structure that it may be part of [I]
 LARGE = 250.0  # cm3 of a structure, at most, that what nothing names is held against [I]
 
@@ -77,15 +78,19 @@ def read_segmentation(
     for name in structures:
         if name not in label_values and name != "muscle":
             refuse(f"the configuration gives no voxel value for {name!r}", f"add {name!r} to 'labels'")
-    wanted = {name: label_values[name] for name in structures if name in label_values}
     optional = ("muscle", *segments)
     direction = axes_of(orientation) if orientation != HEADER else None
     if Path(path).is_dir():
-        wanted = {name: value if isinstance(value, str) else name for name, value in wanted.items()}
+        label_values = {name: name if isinstance(value, int) else value for name, value in label_values.items()}
         image, parts = read_surfaces(path, direction, refuse)
     else:
         image, parts = read_segments(path, refuse)
         face(image, direction, refuse)
+    if any(isinstance(value, str) for value in label_values.values()) and any(part.name for part in parts):
+        # Names count: the values of others may be those by default, and another segment's in the file.
+        numbers = [name for name, value in label_values.items() if isinstance(value, int) and name not in REQUIRED]
+        label_values = {name: value for name, value in label_values.items() if name not in numbers}
+    wanted = {name: label_values[name] for name in structures if name in label_values}
     chosen = _chosen(parts, wanted, optional, case, path, refuse)
     present = tuple(name for name in segments if name in chosen)
     check_together(present, case, path)
