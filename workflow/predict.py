@@ -7,10 +7,8 @@ import argparse
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial, reduce
 from importlib import import_module
-from multiprocessing import get_context
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
@@ -22,26 +20,27 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 import yaml  # noqa: E402
 
+from pinnochio.beside import beside  # noqa: E402
 from pinnochio.code import ROOT  # noqa: E402
 from pinnochio.errors import InputError, StorageError  # noqa: E402
 from pinnochio.logs import attach_log, warnings_in  # noqa: E402
 from pinnochio.mechanics.settings import FemSettings  # noqa: E402
 from pinnochio.overlays import overlaid  # noqa: E402
+from pinnochio.references import resolve  # noqa: E402
 from pinnochio.stages import Stages  # noqa: E402
 from pinnochio.study.configuration import check_config  # noqa: E402
 from pinnochio.study.inputs.rules import RuleInputs  # noqa: E402
 from pinnochio.study.patients import Patient, oddities  # noqa: E402
 from pinnochio.study.schema import checked, read_schema, refuse_doubled  # noqa: E402
 from pinnochio.study.study import Study  # noqa: E402
-from scripts.patient.check_cohort import check_cohort  # noqa: E402
 from scripts.patient.import_case import SURFACES, import_case, settings_of  # noqa: E402
 from scripts.patient.model_patient import model_patient  # noqa: E402
-from scripts.patient.show_quality import show_quality  # noqa: E402
-from scripts.patient.show_segments import show_segments  # noqa: E402
-from scripts.patients.predict_plan import predict_plan  # noqa: E402
 
 IMPORTED = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "import.json"}
 MODELLED = {"mesh": "mesh.vtu", "model": "model.h5", "quality": "quality.json"}
+# Imported when they are run: the process beside this one begins sooner.
+PLAN, CHECK = "scripts.patients.predict_plan:predict_plan", "scripts.patient.check_cohort:check_cohort"
+SEGMENTS, QUALITY = "scripts.patient.show_segments:show_segments", "scripts.patient.show_quality:show_quality"
 PREDICTED = {"certificate": "certificate.json", "page": "index.html", "measures": "measures.csv"}
 PREDICTED |= {"mesh": "deformed.vtu", "bones": "bones"}
 
@@ -59,9 +58,12 @@ def predict_new(config: Mapping) -> None:
         pages, model, imported = predict_patient(patient, folder, inputs)
         warned = [f"Warning: {words}" for words in warnings_in(log)]
         print(*warned, f"{name} is predicted; open {' '.join(pages)}", sep="\n", flush=True)
-        pictures, shown = Stages(f"{folder}/.pictures.json"), {key: imported[key] for key in ("bone", "skin", "report")}
-        pictures(show_segments, shown, {"picture": f"{folder}/segments.png"}, {})
-        pictures(show_quality, {"model": model}, {"picture": f"{folder}/quality.png"}, {"case": name})
+        begin = partial(beside().submit, Stages(f"{folder}/.pictures.json"))
+        shown = {key: imported[key] for key in ("bone", "skin", "report")}
+        begun = [begin(SEGMENTS, shown, {"picture": f"{folder}/segments.png"}, {})]
+        begun.append(begin(QUALITY, {"model": model}, {"picture": f"{folder}/quality.png"}, {"case": name}))
+        for each in begun:
+            each.result()
 
 
 def predict_patient(patient: Patient, folder: str, inputs: RuleInputs) -> tuple[list[str], str, dict[str, str]]:
@@ -84,24 +86,24 @@ def predict_patient(patient: Patient, folder: str, inputs: RuleInputs) -> tuple[
         fem=fem,
     )
     bringing(("covariates", "labels"))
-    ahead = [predictor.partition(":")[0], "pyvista.plotting"] if not all(map(os.path.isfile, pages)) else []
-    loading = Thread(target=lambda: list(map(import_module, ahead)))  # two seconds beside the mesh
-    with ProcessPoolExecutor(1, get_context("fork")) as beside:
-        others = beside.submit(bringing, ("surfaces", "plan"))
-        loading.start()
-        modelling(outputs={"mesh": files["mesh"]})
-        others.result()
-    check_cohort(cases=[job.case], reports=[imported["report"]], table=f"{folder}/imported.csv")
+    others = beside().submit(bringing, ("surfaces", "plan"))
+    if not all(map(os.path.isfile, pages)):
+        for module in ("scripts.patients.show_prediction", "pyvista.plotting"):
+            beside().submit(import_module, module)
+        if ensemble.networks:
+            Thread(target=import_module, args=["torch"]).start()  # a second beside the mesh
+    modelling(outputs={"mesh": files["mesh"]})
+    others.result()
+    table = {"table": f"{folder}/imported.csv"}
+    Stages(f"{folder}/.check.json")(CHECK, {"reports": [imported["report"]]}, table, {"cases": [job.case]})
     modelling(outputs=files | ({"lift": f"{folder}/lift_elastic.h5"} if inputs.patient.lift else {}))
-    loading.join()
-    about = {"code": inputs.patients.predicts, "corrections": patient.choice.corrections}
-    made = {}
+    made, corrections = {}, patient.choice.corrections
     for plan, out in outs.items():
         made[plan] = {name: f"{out}/{Path(file).name}" for name, file in (inputs.patients.fields | PREDICTED).items()}
         made[plan] |= {"skin": [f"{out}/skin.{kind}" for kind in ("vtp", "ply", "stl")]}
         planned = {"model": files["model"], "plan": f"{folder}/{plan}/plan.json"}
-        predict_plan(
-            about=vars(job) | {"plan": plan} | about,
+        resolve(PLAN)(
+            about=vars(job) | {"plan": plan, "code": inputs.patients.predicts, "corrections": corrections},
             planned=planned,
             quality=files["quality"],
             fem=fem,
@@ -115,12 +117,10 @@ def predict_patient(patient: Patient, folder: str, inputs: RuleInputs) -> tuple[
         )
         made[plan]["plan"] = planned["plan"]
     if len(pages) > 1:
-        from scripts.patients.show_plans import show_plans  # imports pandas
-
         pages.append(f"{folder}/plans_{job.method}.html")
         keys = {"plans": "plan", "results": "result", "certificates": "certificate", "measures": "measures"}
         compared = {name: [outputs[key] for outputs in made.values()] for name, key in keys.items()}
-        show_plans(job.case, job.method, files["model"], compared, pages[-1])
+        resolve("scripts.patients.show_plans:show_plans")(job.case, job.method, files["model"], compared, pages[-1])
     return pages, files["model"], imported
 
 

@@ -5,10 +5,9 @@ from pathlib import Path
 
 from pinnochio.logs import attach_log
 from pinnochio.stages import Stages
-from scripts.patient.import_covariates import import_covariates
-from scripts.patient.import_plan import import_plan
-from scripts.patient.import_segmentation import import_labels, import_surfaces
 
+# Imported when they are run: of a further plan the patient's are not.
+COVARIATES, HEAD = "scripts.patient.import_covariates", "scripts.patient.import_segmentation"
 SURFACES = ("bone", "skin", "report")
 
 
@@ -32,16 +31,16 @@ def import_case(
     with Stages(record) as stages:
         if "covariates" in outputs:
             read = {"source": files["described"] if known is None else None}
-            stages(import_covariates, read, {"covariates": outputs["covariates"]}, {"known": known})
+            stages(f"{COVARIATES}:import_covariates", read, {"covariates": outputs["covariates"]}, {"known": known})
         if "labels" in outputs:
             read = {name: files[name] for name in ("segmentation", "volume", "markups")}
-            stages(import_labels, read, {"labels": labels, "head": head}, {"case": case, **scan})
+            stages(f"{HEAD}:import_labels", read, {"labels": labels, "head": head}, {"case": case, **scan})
         if "bone" in outputs:
-            made = {name: outputs[name] for name in SURFACES}
-            stages(import_surfaces, {"labels": labels, "head": head}, made, {"bone_edge": scan["bone_edge"]})
+            read, made = {"labels": labels, "head": head}, {name: outputs[name] for name in SURFACES}
+            stages(f"{HEAD}:import_surfaces", read, made, {"bone_edge": scan["bone_edge"]})
         if "plan" in outputs:
             read = {"source": files["source"], "bone": outputs.get("bone") or files["bone"], "labels": labels}
-            stages(import_plan, read, {"plan": outputs["plan"]}, {"case": case, **plan})
+            stages("scripts.patient.import_plan:import_plan", read, {"plan": outputs["plan"]}, {"case": case, **plan})
 
 
 def settings_of(params: Mapping) -> dict[str, dict]:

@@ -58,8 +58,7 @@ def import_labels(
         voxel, segments, top = float(np.prod(read.spacing)), read.segments, 0.0
         if unlabelled_muscle == DERIVED and not (read.labels == MUSCLE).any():
             movable = np.where(read.labels == CRANIUM, SUPERFICIAL, read.labels)  # the cranium takes longest
-            bone = bone_surface(movable, read.spacing, read.origin, segments, bone_edge)
-            top = upper_face_plane(bone, segments, 0.0)
+            top = upper_face_plane(bone_surface(movable, read.spacing, read.origin, segments, bone_edge), segments, 0.0)
         final, muscle = muscle_layer(
             labels=read.labels,
             spacing=read.spacing,
@@ -90,7 +89,6 @@ def import_surfaces(labels: str, head: str, bone_edge: float, bone: str, skin: s
     """Write bone, skin and the report of what :func:`import_labels` wrote, with warnings of the surfaces."""
     read, known = read_labels(labels), read_stored_json(head)
     with collected() as warnings, ProcessPoolExecutor(1, get_context("fork")) as beside:
-        # As long as the bone takes.
         contoured = beside.submit(skin_surface, read.labels, read.spacing, read.origin)
         bones = bone_surface(read.labels, read.spacing, read.origin, tuple(known["segments"]), bone_edge)
     bones.write(bone)

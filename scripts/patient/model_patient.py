@@ -6,13 +6,8 @@ from pathlib import Path
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.stages import Stages
-from scripts.fem.simulate_fem import simulate_fem
-from scripts.patient.label_interfaces import label_case
-from scripts.patient.make_lift import write_lift
-from scripts.patient.model_lips import refine_lips
-from scripts.patient.report_quality import report_quality
-from scripts.patient.tetrahedralize import mesh_case
 
+MESH, LABEL = "scripts.patient.tetrahedralize:mesh_case", "scripts.patient.label_interfaces:label_case"
 RECORD = ".model_patient.json"  # of the stages, beside the model
 
 
@@ -36,24 +31,24 @@ def model_patient(
     mesh, model = outputs["mesh"], outputs.get("model")
     read = {name: imported[name] for name in ("labels", "bone", "skin", "report")}
     with Stages(Path(mesh).with_name(RECORD)) as stages:
-        stages(mesh_case, {"labels": imported["labels"]}, {"mesh": mesh}, mesh_settings)
+        stages(MESH, {"labels": imported["labels"]}, {"mesh": mesh}, mesh_settings)
         if model:
-            stages(label_case, {"mesh": mesh, **read}, {"model": model}, {"interfaces": interfaces})
+            stages(LABEL, {"mesh": mesh, **read}, {"model": model}, {"interfaces": interfaces})
         if "lift" in outputs:
             settings = {"controls": controls, "fem": fem}
-            stages(write_lift, {"model": model}, {"lift": outputs["lift"]}, settings)
+            stages("scripts.patient.make_lift:write_lift", {"model": model}, {"lift": outputs["lift"]}, settings)
         if "quality" in outputs:
             files = {"model": model, "imported": imported["report"]}
-            stages(report_quality, files, {"report": outputs["quality"]}, {})
+            stages("scripts.patient.report_quality:report_quality", files, {"report": outputs["quality"]}, {})
         if "lips_mesh" in outputs:
             files = {"mesh": mesh, "labels": imported["labels"], "bone": imported["bone"]}
             settings = {"sliding_band": interfaces["sliding_band"], "lip_edge": lip_edge}
-            stages(refine_lips, files, {"lips": outputs["lips_mesh"]}, settings)
+            stages("scripts.patient.model_lips:refine_lips", files, {"lips": outputs["lips_mesh"]}, settings)
             files = {"mesh": outputs["lips_mesh"], **read}
-            stages(label_case, files, {"model": outputs["lips_model"]}, {"interfaces": interfaces})
+            stages(LABEL, files, {"model": outputs["lips_model"]}, {"interfaces": interfaces})
         if "fem_samples" in outputs:
             files, made = {"model": model, "plan": imported["plan"]}, {"fem_samples": outputs["fem_samples"]}
-            stages(simulate_fem, files, made, {"case": case, "settings": fem, **samples})
+            stages("scripts.fem.simulate_fem:simulate_fem", files, made, {"case": case, "settings": fem, **samples})
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
 """Makes all that is handed over of a new patient's plan: the face first, then files and pictures."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
+from pinnochio.beside import beside
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
@@ -13,11 +15,10 @@ from pinnochio.patients.model_archive import FALLBACK, RANGES, calibration_file
 from pinnochio.plans.plan import Plan
 from pinnochio.stages import Stages
 from pinnochio.training.device import device_of
-from scripts.patients.certify import certify
-from scripts.patients.export_prediction import export_prediction
-from scripts.patients.show_prediction import show_prediction
-from scripts.prediction.predict import predict
-from scripts.prediction.predict_interval import predict_interval
+
+PREDICT, CERTIFY = "scripts.prediction.predict:predict", "scripts.patients.certify:certify"
+DRAW, SHOW = "scripts.patients.show_prediction:draw", "scripts.patients.show_prediction:show_prediction"
+EXPORT = "scripts.patients.export_prediction:export_prediction"
 
 
 def predict_plan(
@@ -33,7 +34,7 @@ def predict_plan(
     fallback: Mapping[str, object],
     outputs: Mapping[str, str | Sequence[str]],
 ) -> None:
-    """Run the stages one after another: prediction (with its interval, of networks), certificate, page, files.
+    """Run the stages: prediction (with its interval, of networks), certificate; beside them pictures, files and page.
 
     A patient or plan unlike the networks' training is predicted by finite elements in their place, where the archive
     says how near these come.
@@ -50,23 +51,29 @@ def predict_plan(
     if networks and (Path(archive) / calibration_file(FALLBACK)).is_file() and not compared["within"]:
         about = dict(about) | {"method": FALLBACK, "instead_of": about["method"], "corrections": 0}
         method, names, networks, lifts, covariates = {**method, **fallback}, [FALLBACK], {}, [], []
+    drawn = [str(Path(result).with_name(f".{name}.json")) for name in ("bones", "faces")]
+    begin = partial(beside().submit, Stages(Path(result).with_name(".beside.json")))
+    begun = [begin(DRAW, planned, {"pictures": drawn[0]}, named)]
     with Stages(Path(result).with_name(".predict_plan.json")) as stages:
         read = {"models": [planned["model"]], "plans": [[planned["plan"]]], "trained": list(networks.values())}
         read |= {"lifts": lifts, "truths": [], "covariates": covariates}
         made = {"predictions": [outputs["ensemble"] if archive else result]}
-        stages(predict, read, made, {"names": names, "cases": [case], "warm": False, **method})
+        stages(PREDICT, read, made, {"names": names, "cases": [case], "warm": False, **method})
         if archive:
             calibrated = {"calibration": str(Path(archive) / calibration_file(about["method"]))}
             read = {"model": planned["model"], "ensemble": outputs["ensemble"], **calibrated}
             settings = {**named, "fem": fem, "widening": widening(compared)}
-            stages(predict_interval, read, {"result": result}, settings)
-        read = {**planned, "quality": quality, "result": result, "folder": archive}
+            stages("scripts.prediction.predict_interval:predict_interval", read, {"result": result}, settings)
+        read = {**planned, "result": result}
+        begun.append(begin(DRAW, read, {"pictures": drawn[1]}, named))
+        begun.append(begin(EXPORT, read, {name: outputs[name] for name in ("mesh", "skin", "bones")}, named))
         certificate = {"certificate": outputs["certificate"]}
-        stages(certify, read, certificate, {"about": about, "fem": fem, "compared": compared})
-        shown = {name: outputs[name] for name in ("measures", "page")}
-        stages(show_prediction, {**planned, **certificate, **calibrated, "result": result}, shown, named)
-        made = {name: outputs[name] for name in ("mesh", "skin", "bones")}
-        stages(export_prediction, {**planned, "result": result}, made, named)
+        settings = {"about": about, "fem": fem, "compared": compared}
+        stages(CERTIFY, {**read, "quality": quality, "folder": archive}, certificate, settings)
+        made = {name: outputs[name] for name in ("measures", "page")}
+        begun.append(begin(SHOW, {**read, **certificate, **calibrated, "drawn": drawn}, made, named))
+        for each in begun:
+            each.result()
 
 
 def compare(case: str, model: str, plan: str, quality: str, ranges: str) -> dict:

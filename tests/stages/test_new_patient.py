@@ -26,7 +26,7 @@ from scripts.patients.certify import certify
 from scripts.patients.export_prediction import export_prediction
 from scripts.patients.pack import pack
 from scripts.patients.predict_plan import compare, predict_plan
-from scripts.patients.show_prediction import show_prediction
+from scripts.patients.show_prediction import draw, show_prediction
 from tests.helpers.browser import DRIVEN, chromium, uncaught
 from tests.helpers.settings import CONFIG, SEGMENTS
 
@@ -192,8 +192,11 @@ def test_a_method_without_training_has_neither_interval_nor_likeness(patient, ar
 def shown(patient, archive, result, folder) -> list[str]:
     """Certificate, measures and page of a result."""
     certified(patient, archive, result, folder)
+    drawn = [str(folder / name) for name in ("bones.json", "faces.json")]
+    draw(patient.case, patient.model, patient.plan, drawn[0])
+    draw(patient.case, patient.model, patient.plan, drawn[1], result)
     files = [str(folder / name) for name in ("certificate.json", "measures.csv", "index.html")]
-    show_prediction(patient.case, patient.model, patient.plan, result, *files)
+    show_prediction(patient.case, patient.model, patient.plan, result, files[0], drawn, *files[1:])
     return files
 
 

@@ -10,9 +10,10 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from pinnochio.code import called, code_hash
+from pinnochio.code import called, code_hash, source_file
 from pinnochio.files import replacing
 from pinnochio.json_text import write_json
+from pinnochio.references import resolve
 
 
 class Stages:
@@ -26,7 +27,6 @@ class Stages:
     def __init__(self, record: str | os.PathLike):
         self._record = Path(record)
         self._copies = self._record.with_suffix("")
-        self._made = json.loads(self._record.read_text("utf-8")) if self._record.is_file() else {}
 
     def __enter__(self) -> "Stages":
         self._copies.mkdir(parents=True, exist_ok=True)
@@ -37,35 +37,34 @@ class Stages:
             shutil.rmtree(self._copies)
 
     def __call__(
-        self, stage: Callable, inputs: Mapping[str, object], outputs: Mapping[str, object], settings: Mapping
+        self, stage: Callable | str, inputs: Mapping[str, object], outputs: Mapping[str, object], settings: Mapping
     ) -> None:
-        """Call `stage` with inputs, outputs and settings by the names of its arguments.
+        """Call `stage`, a "module:name" that is imported only then or a function, with all by its arguments' names.
 
         inputs, outputs: files, folders, or several by name or in order; settings: values whose repr says all, modules
         that are called by name too. Outputs that stay count as new, as the job's.
         """
-        name, said, paths = self.name(stage, outputs), repr(sorted(settings.items())), list(_paths(outputs))
-        code = code_hash(inspect.getfile(stage), *called(said))
+        said, paths = repr(sorted(settings.items())), list(_paths(outputs))
+        # The outputs say which of several calls it is.
+        name = stage.partition(":")[2] if isinstance(stage, str) else stage.__name__
+        name = " ".join([name, *(os.path.relpath(path, self._record.parent) for path in paths)])
+        code = code_hash(source_file(stage) if isinstance(stage, str) else inspect.getfile(stage), *called(said))
         key = hashlib.sha256(repr((code, said, _contents(inputs))).encode()).hexdigest()
-        made = self._made.get(name, [])
+        known = json.loads(self._record.read_text("utf-8")) if self._record.is_file() else {}
+        made = known.get(name, [])
         if made[:1] == [key] and self._there(paths, outputs, made[1]):
             logging.info("%s: kept", name)
             for path in paths:
                 os.utime(path)
             return
         began = time.perf_counter()
-        stage(**inputs, **outputs, **settings)
+        (resolve(stage) if isinstance(stage, str) else stage)(**inputs, **outputs, **settings)
         seconds = round(time.perf_counter() - began, 3)
         logging.info("%s: %.1f s", name, seconds)
-        self._made[name] = [key, _contents(outputs), seconds]
-        write_json(self._record, self._made)
+        write_json(self._record, known | {name: [key, _contents(outputs), seconds]})
         if self._copies.is_dir():
             for path in paths:
                 _copy(path, self._copy(path))
-
-    def name(self, stage: Callable, outputs: Mapping[str, object]) -> str:
-        """The stage's name with its outputs, which say which of several calls it is."""
-        return " ".join([stage.__name__, *(os.path.relpath(path, self._record.parent) for path in _paths(outputs))])
 
     def _copy(self, path: str) -> Path:
         return self._copies / os.path.relpath(path, self._record.parent).replace("/", "+")

@@ -21,6 +21,9 @@ NODE_TYPES = {FIXED: "#444444", MOVING: "#d95f02", SLIDING: "#1f78b4"}
 FRONT, OBLIQUE, SIDE = (0, -1, 0.05), (0.75, -1, 0.15), (1, -0.05, 0.05)
 BEHIND = (0.15, 1, 0.1)
 REST = Plan("rest", {})
+# Of the colours of values, beside a panel.
+BAR = {"title": "mm", "vertical": True, "color": "black", "label_font_size": 16, "title_font_size": 16, "n_labels": 4}
+BAR |= {"fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "width": 0.08}
 FARTHEST = 4.0  # mm, where the scale of signed distances ends
 
 
@@ -45,9 +48,7 @@ def field_picture(patient: PatientModel, plan: Plan, displacement: np.ndarray, p
         add_face(plotter, skin, patient, shown)
         finish(plotter, title, OBLIQUE)
     plotter.subplot(0, 2)
-    bar = {"title": "displacement [mm]", "color": "black", "label_font_size": 14, "title_font_size": 14}
-    bar |= {"n_labels": 3, "position_x": 0.1, "width": 0.8, "position_y": 0.0, "height": 0.1}
-    add_values(plotter, after, magnitude, (0, float(magnitude.max()) or 1.0), "viridis", bar)
+    add_values(plotter, after, magnitude, (0, float(magnitude.max()) or 1.0), "viridis", BAR)
     finish(plotter, "displacement", OBLIQUE)
     plotter.subplot(1, 0)
     add_bone(plotter, patient, plan)

@@ -91,9 +91,7 @@ class Ways:
 
 
 def fit(
-    models: Sequence[PatientModel],
-    bases: Sequence[np.ndarray],
-    skins: Sequence[tuple[np.ndarray, np.ndarray]],
+    models: Sequence[PatientModel], bases: Sequence[np.ndarray], skins: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> SourceModel:
     """The model of some training patients: fields (n, 3) mm that bone motion causes, and post-operative skins."""
     modes = FaceModes.of(models)

@@ -3,9 +3,8 @@
 import base64
 import io
 import os
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import pyvista as pv
 from markupsafe import Markup
 
 from pinnochio import web_pages
-from pinnochio.figures.patient import FRONT, OBLIQUE, REST, SIDE, add_bone, add_face, add_values, finish, skin_of
+from pinnochio.figures.patient import BAR, FRONT, OBLIQUE, REST, SIDE, add_bone, add_face, add_values, finish, skin_of
 from pinnochio.methods.names import spoken
 from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
@@ -23,11 +22,9 @@ from pinnochio.patients.face_measures import MeasureRow, in_numbers
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import in_words as motion_in_words
 from pinnochio.plans.surgery import near_bone, segment_in_words
+from pinnochio.statistics.intervals import Interval
 
 VIEWS = {"front": FRONT, "oblique": OBLIQUE, "left side": SIDE}
-BAR = {"title": "mm", "vertical": True, "color": "black", "label_font_size": 16, "title_font_size": 16, "n_labels": 4,
-       "fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "width": 0.08}  # fmt: skip
-
 TEMPLATE = Path(__file__).with_name("prediction_page.html")
 FILES = {
     "deformed.vtu": "tetrahedra after the plan; displacement and type of nodes, tissue and volume ratio of elements",
@@ -42,30 +39,22 @@ FILES = {
 def write_page(
     patient: PatientModel,
     plan: Plan,
-    displacement: np.ndarray,
-    half_width: np.ndarray,
     certificate: Mapping,
+    pictures: Mapping[str, str],
     rows: Sequence[MeasureRow],
     tracing: str,
     path: str | os.PathLike,
 ) -> None:
-    """Write the page of a field (n, 3) mm with half-widths (s,) mm of its skin, its certificate, its
-    measures and its cephalogram as SVG, empty where the face cannot be read."""
+    """Write the page of a prediction: its certificate, what :func:`draw_bones` and :func:`draw_faces` made, measures
+    and cephalogram as SVG, empty where the face cannot be read."""
     level = f"{100 * certificate['interval']['level']:g} %" if certificate["interval"] else ""
-    before, after = skin_of(patient, np.zeros_like(displacement)), skin_of(patient, displacement)
-    moved = np.linalg.norm(after.points - before.points, axis=1)
-    with ProcessPoolExecutor(2, get_context("fork")) as artists:
-        draw = artists.submit
-        pictures = [
-            ("Before and after", draw(_faces, patient, plan, before, after), "Above: before. Below: predicted."),
-            ("Bones", draw(_bones, patient, plan), "The bones after the plan, each segment in its colour."),
-            ("Displacement", draw(_map, after, moved), "How far each point of the skin moves."),
-        ]
-        if np.isfinite(half_width).any():
-            words = f"Half-width of the {level} interval: {level} of a region's points should lie this near to the "
-            words += "outcome. Grey: not judged."
-            pictures.append((f"{level} interval", draw(_map, after, half_width), words))
-    measures, landmarks, bone = in_numbers(rows)
+    words = f"Half-width of the {level} interval: {level} of a region's points should lie this near to the outcome. "
+    shown = {
+        "faces": ("Before and after", "Above: before. Below: predicted."),
+        "bones": ("Bones", "The bones after the plan, each segment in its colour."),
+        "displacement": ("Displacement", "How far each point of the skin moves."),
+        "interval": (f"{level} interval", words + "Grey: not judged."),
+    }
     fine = "No check failed: the elements are valid"
     alike = certificate["in_distribution"] and certificate["in_distribution"]["within"]
     fine += ", and patient and plan are like those of the training." if alike else "."
@@ -73,12 +62,10 @@ def write_page(
         path,
         TEMPLATE,
         c=certificate,
-        pictures=[(title, base64.b64encode(picture.result()).decode(), words) for title, picture, words in pictures],
+        pictures=[(title, pictures[name], words) for name, (title, words) in shown.items() if name in pictures],
         rows=in_words(certificate),
         motions=motions_in_words(patient, plan),
-        measures=measures,
-        landmarks=landmarks,
-        bone=bone,
+        **dict(zip(("measures", "landmarks", "bone"), in_numbers(rows), strict=True)),
         tracing=Markup(tracing),
         level=level,
         fine=fine,
@@ -97,36 +84,38 @@ def motions_in_words(patient: PatientModel, plan: Plan) -> dict[str, str]:
     return words
 
 
-def _faces(patient: PatientModel, plan: Plan, before: pv.PolyData, after: pv.PolyData) -> bytes:
-    """Two rows: the skin before and after, from three sides."""
-    plotter = panels(2)
-    for row, (title, skin, shown) in enumerate((("before", before, REST), ("after", after, plan))):
+def draw_bones(patient: PatientModel, plan: Plan) -> dict[str, str]:
+    """A picture by its name, PNG in base 64: the bones after the plan from three sides."""
+    return {"bones": _from_three_sides({"": lambda plotter, _: add_bone(plotter, patient, plan)})}
+
+
+def draw_faces(patient: PatientModel, plan: Plan, result: Interval) -> dict[str, str]:
+    """Such pictures of a result, with its interval where it has one."""
+    before, after = (skin_of(patient, share * result.displacement) for share in (0, 1))
+    rows = {
+        "before, ": lambda plotter, _: add_face(plotter, before, patient, REST),
+        "after, ": lambda plotter, _: add_face(plotter, after, patient, plan),
+    }
+
+    def coloured(values: np.ndarray) -> str:
+        limits = 0, float(np.nanmax(values)) or 1.0
+        show = partial(add_values, surface=after, values=values, limits=limits, colours="viridis")
+        return _from_three_sides({"": lambda plotter, column: show(plotter, bar=None if column else BAR)}, zoom=0.9)
+
+    moved = np.linalg.norm(after.points - before.points, axis=1)
+    pictures = {"faces": _from_three_sides(rows), "displacement": coloured(moved)}
+    return pictures | ({"interval": coloured(result.half_width)} if np.isfinite(result.half_width).any() else {})
+
+
+def _from_three_sides(rows: Mapping[str, Callable], zoom: float = 1.0) -> str:
+    """A row of panels for each title of what is shown there."""
+    plotter = panels(len(rows))
+    for row, (title, show) in enumerate(rows.items()):
         for column, (view, direction) in enumerate(VIEWS.items()):
             plotter.subplot(row, column)
-            add_face(plotter, skin, patient, shown)
-            finish(plotter, f"{title}, {view}", direction)
-    return png(plotter)
-
-
-def _bones(patient: PatientModel, plan: Plan) -> bytes:
-    """The bones after the plan from three sides."""
-    plotter = panels(1)
-    for column, (view, direction) in enumerate(VIEWS.items()):
-        plotter.subplot(0, column)
-        add_bone(plotter, patient, plan)
-        finish(plotter, view, direction)
-    return png(plotter)
-
-
-def _map(skin: pv.PolyData, values: np.ndarray) -> bytes:
-    """The skin from three sides, coloured by a value (s,) mm per point, with one scale."""
-    plotter = panels(1)
-    limits = 0, float(np.nanmax(values)) or 1.0
-    for column, (view, direction) in enumerate(VIEWS.items()):
-        plotter.subplot(0, column)
-        add_values(plotter, skin, values, limits, "viridis", None if column else BAR)
-        finish(plotter, view, direction)
-        plotter.camera.zoom(0.9)
+            show(plotter, column)
+            finish(plotter, title + view, direction)
+            plotter.camera.zoom(zoom)
     return png(plotter)
 
 
@@ -134,9 +123,9 @@ def panels(rows: int) -> "pv.Plotter":
     return pv.Plotter(off_screen=True, shape=(rows, len(VIEWS)), window_size=(1260, 430 * rows), border=False)
 
 
-def png(plotter: "pv.Plotter") -> bytes:
-    """The picture as a file would hold it."""
+def png(plotter: "pv.Plotter") -> str:
+    """The picture as a page holds it: PNG in base 64."""
     picture = io.BytesIO()
     plotter.screenshot(picture)
     plotter.close()
-    return picture.getvalue()
+    return base64.b64encode(picture.getvalue()).decode()

@@ -1,6 +1,5 @@
 """One page to compare what each operation reaches of a wish, in one HTML file that needs nothing else."""
 
-import base64
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pyvista as pv
 
-from pinnochio.figures.patient import FRONT, SIDE, SKIN, add_bone, add_values, finish, skin_of
+from pinnochio.figures.patient import BAR, FRONT, SIDE, SKIN, add_bone, add_values, finish, skin_of
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH, verdict
-from pinnochio.patients.prediction_page import BAR, panels, png
+from pinnochio.patients.prediction_page import panels, png
 from pinnochio.plans.surgery import in_words, segment_in_words
 from pinnochio.web_pages import write_page
 from studies.inverse.alternatives import Answer
@@ -76,7 +75,7 @@ def write_wish_page(
         grades=grades,
         null_space=null_space,
         pictures=[
-            (f"{names[name]}: what is left of the wish", base64.b64encode(_picture(patient, wish, answer)).decode())
+            (f"{names[name]}: what is left of the wish", _picture(patient, wish, answer))
             for name, answer in answers.items()
         ],
         colours="Colours: signed distance of the face from the wished surface, red in front of it, blue behind."
@@ -90,7 +89,7 @@ def _said(motions: Mapping[str, RigidMotion]) -> str:
     return "; ".join(f"{segment_in_words(name)}: {in_words(motion, name)}" for name, motion in motions.items())
 
 
-def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> bytes:
+def _picture(patient: PatientModel, wish: Wish, answer: Answer) -> str:
     """Bones, the face from the front and from the side, with the residual of the wish."""
     plotter, proposal = panels(1), answer.proposal
     skin = skin_of(patient, proposal.displacement)
