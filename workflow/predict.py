@@ -23,6 +23,7 @@ import yaml  # noqa: E402
 from pinnochio.beside import beside  # noqa: E402
 from pinnochio.code import ROOT  # noqa: E402
 from pinnochio.errors import InputError, StorageError  # noqa: E402
+from pinnochio.files import alone  # noqa: E402
 from pinnochio.logs import attach_log, warnings_in  # noqa: E402
 from pinnochio.mechanics.settings import FemSettings  # noqa: E402
 from pinnochio.overlays import overlaid  # noqa: E402
@@ -52,18 +53,19 @@ def predict_new(config: Mapping) -> None:
     inputs.patients.predictions(None)  # refuses a patient without a plan
     print(*filter(None, [study.choice.in_words, *oddities(study.new_patients.values())]), sep="\n", flush=True)
     for name in study.new_patients:
-        attach_log(log := f"{study.results}/logs/predict/{name}.log")
         patient = study.new_patient(name)
         folder = patient.folder.replace("<results>", study.results)
-        pages, model, imported = predict_patient(patient, folder, inputs)
-        warned = [f"Warning: {words}" for words in warnings_in(log)]
-        print(*warned, f"{name} is predicted; open {' '.join(pages)}", sep="\n", flush=True)
-        begin = partial(beside().submit, Stages(f"{folder}/.pictures.json"))
-        shown = {key: imported[key] for key in ("bone", "skin", "report")}
-        begun = [begin(SEGMENTS, shown, {"picture": f"{folder}/segments.png"}, {})]
-        begun.append(begin(QUALITY, {"model": model}, {"picture": f"{folder}/quality.png"}, {"case": name}))
-        for each in begun:
-            each.result()
+        with alone(name, folder):
+            attach_log(log := f"{study.results}/logs/predict/{name}.log")
+            pages, model, imported = predict_patient(patient, folder, inputs)
+            warned = [f"Warning: {words}" for words in warnings_in(log)]
+            print(*warned, f"{name} is predicted; open {' '.join(pages)}", sep="\n", flush=True)
+            begin = partial(beside().submit, Stages(f"{folder}/.pictures.json"))
+            shown = {key: imported[key] for key in ("bone", "skin", "report")}
+            begun = [begin(SEGMENTS, shown, {"picture": f"{folder}/segments.png"}, {})]
+            begun.append(begin(QUALITY, {"model": model}, {"picture": f"{folder}/quality.png"}, {"case": name}))
+            for each in begun:
+                each.result()
 
 
 def predict_patient(patient: Patient, folder: str, inputs: RuleInputs) -> tuple[list[str], str, dict[str, str]]:

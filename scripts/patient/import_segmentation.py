@@ -1,12 +1,11 @@
 """Makes repaired and checked labels, then bone and skin surfaces, in LPS mm of a patient's segmentation."""
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 
 import numpy as np
 
+from pinnochio.beside import second_process
 from pinnochio.errors import InputError
 from pinnochio.importing.anatomy import AS_IT_SHOULD_BE, check_anatomy
 from pinnochio.importing.head_parts import read_head_parts
@@ -88,8 +87,8 @@ def import_labels(
 def import_surfaces(labels: str, head: str, bone_edge: float, bone: str, skin: str, report: str) -> None:
     """Write bone, skin and the report of what :func:`import_labels` wrote, with warnings of the surfaces."""
     read, known = read_labels(labels), read_stored_json(head)
-    with collected() as warnings, ProcessPoolExecutor(1, get_context("fork")) as beside:
-        contoured = beside.submit(skin_surface, read.labels, read.spacing, read.origin)
+    with collected() as warnings, second_process() as aside:
+        contoured = aside.submit(skin_surface, read.labels, read.spacing, read.origin)
         bones = bone_surface(read.labels, read.spacing, read.origin, tuple(known["segments"]), bone_edge)
     bones.write(bone)
     write_surface(*contoured.result(), skin)

@@ -1,12 +1,11 @@
 """Files are written as a whole or not at all, and a disk that cannot be written is said."""
 
-import pickle
-
 import pytest
 
 from pinnochio import files
+from pinnochio.beside import second_process
 from pinnochio.errors import InputError, StorageError
-from pinnochio.files import replacing
+from pinnochio.files import alone, replacing
 
 
 @pytest.fixture
@@ -39,6 +38,18 @@ def test_a_folder_that_cannot_be_made_is_said(target):
         pytest.fail("nothing could be written here")
 
 
-@pytest.mark.parametrize("error", [InputError("P1", "plan.json", "is empty", "fill it"), StorageError("a", "b", "c")])
-def test_what_a_person_can_mend_is_said_from_another_process_too(error):
-    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+def enter(folder):
+    with alone("P1", folder):
+        return True
+
+
+def test_a_second_run_for_the_same_patient_is_refused_while_the_first_is_at_work(tmp_path):
+    with second_process() as other:
+        with (
+            alone("P1", tmp_path),
+            pytest.raises(InputError, match="'P1': .*: another run .* Remedy: wait until it has"),
+        ):
+            other.submit(enter, tmp_path).result()
+        with pytest.raises(StorageError, match="/proc/P1/.lock: no such file"):
+            other.submit(enter, "/proc/P1").result()
+        assert other.submit(enter, tmp_path).result()

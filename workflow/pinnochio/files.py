@@ -1,6 +1,7 @@
 """Writing files so that a half-written one is never taken for a result."""
 
 import errno
+import fcntl
 import hashlib
 import os
 import re
@@ -61,6 +62,19 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def alone(case: str, folder: str | os.PathLike) -> Iterator[None]:
+    """Refuse, by an InputError, a case whose folder another process writes by this at the same time."""
+    check_writable(file := Path(folder, ".lock"))
+    with open(file, "w") as lock:
+        try:
+            fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # ends with this process, and is not that of its forks
+        except (BlockingIOError, PermissionError) as error:
+            remedy = "wait until it has ended, then run the same command again"
+            raise InputError(case, folder, "another run is at work on this patient", remedy) from error
+        yield
 
 
 def fingerprint(paths: Iterable[str], made: str | os.PathLike) -> str:
