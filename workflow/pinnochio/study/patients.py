@@ -137,9 +137,8 @@ def _of_folder(folder: Path) -> Patient:
     images = [path for path in files if _stem(path) == "segmentation" and (_is_image(path) or path.is_dir())]
     if len(images) != 1:
         listed = ", ".join(path.name for path in images) or "no segmentation"
-        raise InputError(
-            name, folder, f"it holds {listed}", "keep one: segmentation.nii.gz, .nrrd, .mha, .dcm, or a folder"
-        )
+        remedy = "keep one: segmentation.nii.gz, .nrrd, .mha, .dcm, or a folder segmentation/ (of surfaces: skull.stl)"
+        raise InputError(name, folder, f"it holds {listed}", remedy)
     for path in files:
         text = path.suffix.lower() == ".json" and not path.name.lower().endswith(ENDING)
         if text and b'"markups"' in path.read_bytes():
