@@ -7,6 +7,7 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+import pyvista as pv
 import SimpleITK as sitk
 
 from pinnochio.study.patients import read_patients
@@ -195,6 +196,8 @@ def doors(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         lambda folder: imported(folder, None, grey, head, partial(one_by_one, values, empty=True))["lefort1"],
         volumes["lefort1"],
     )
+    for name in ("bone.stl", "lefort1.vtk"):
+        yield bad(f"{name} beside the labels", **none, grey=grey, save=partial(surface_beside, values, name))
     yield bad("a mask of percent", **none, grey=grey, save=partial(one_by_one, values, percent=True))
     yield good("NIfTI-2, a capital", **none, grey=grey, save=second_nifti)
     yield good("a scan of two files", values=values, head=head, save=beside)
@@ -235,6 +238,13 @@ def doors(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     yield bad(
         "a region inside out", save=lambda home: (home / "r.mrk.json").write_text(json.dumps({"markups": [region]}))
     )
+
+
+def surface_beside(values, name: str, folder: Path):
+    """Write the label map into a folder with a surface of this name."""
+    (folder / "segmentation").mkdir()
+    tools.write(folder / "segmentation/P1.nii.gz", values, made()[0])
+    pv.Sphere(radius=40).save(folder / "segmentation" / name)
 
 
 def two_volumes(folder: Path):

@@ -153,20 +153,15 @@ def test_a_saved_plan_reads_back_from_both_forms(session, tmp_path):
     assert not np.allclose(bone(session.draft.plan), wanted)
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("proposed", "'proposed' already"),
-        ("there", "'there' already"),
-        ("../up", "letters, digits"),
-        ("", "letters, digits"),
-        ("a" * 65, "1 to 64 letters"),
-    ],
-)
-def test_no_other_plan_and_no_other_folder_is_written_to(session, tmp_path, name, said):
+REFUSED = {"proposed": "'proposed' already", "there": "'there' already", "../up": "letters, digits"}
+REFUSED |= {"": "letters, digits", "a" * 65: "1 to 64 letters"}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_no_other_plan_and_no_other_folder_is_written_to(session, tmp_path, name):
     (tmp_path / "plans").mkdir()
     (tmp_path / "plans/there.json").touch()
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=REFUSED[name]):
         session.save(name)
     assert [path.name for path in tmp_path.rglob("*.*")] == ["there.json"]
 
