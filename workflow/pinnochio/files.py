@@ -72,8 +72,7 @@ def alone(case: str, folder: str | os.PathLike) -> Iterator[None]:
         try:
             fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # ends with this process, and is not that of its forks
         except (BlockingIOError, PermissionError) as error:
-            remedy = "wait until it has ended, then run the same command again"
-            raise InputError(case, folder, "another run is at work on this patient", remedy) from error
+            raise InputError(case, folder, "another run is at work on it", "wait until it has ended") from error
         yield
 
 
