@@ -214,7 +214,7 @@ def test_the_page_says_which_detail_of_the_skin_no_mechanics_computes():
     assert said["measures"]["off_mesh_mean_mm"] == 0
     far = {"off_mesh_mean_mm": 0.9, "off_mesh_p95_mm": 2.8, "off_mesh_regions_mm": {"lower_lip": 6.9, "nose": 2.9}}
     said["measures"] |= far
-    reason = "Finite elements on a mesh of 20,000 nodes (mesh.nodes): 2 s a plan, show lips and nose "
+    reason = "For nose and lips take finite elements on a mesh of 20,000 nodes: about 2 s a plan "
     reason += "(Detail of the skin: 2.8 mm off the mesh at 95 % (lower lip 6.9, nose 2.9))"
     assert verdict(said) == (CARE, (reason,))
     (row,) = [line for line in in_words(said) if line.what == "Detail of the skin"]

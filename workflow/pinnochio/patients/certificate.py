@@ -56,7 +56,7 @@ ADVICE = {
     "Farthest from linear elasticity": "Look at that place before believing it",
     "Edge of the scan": "Take a scan that shows more about the face",
     "Lips that cross": "Read nothing off the lips; they are shown in contact",
-    "Detail of the skin": "Finite elements on a mesh of 20,000 nodes (mesh.nodes): 2 s a plan, show lips and nose",
+    "Detail of the skin": "For nose and lips take finite elements on a mesh of 20,000 nodes: about 2 s a plan",
     **dict.fromkeys(("Bone segments", "Muscle layer", "Anatomy", "Plan"), UNLIKE),
 }  # fmt: skip
 
