@@ -96,3 +96,4 @@ def test_a_claim_about_a_method_that_the_study_lacks_says_so(tmp_path):
     assert (
         absent["verdict"] == ABSENT and absent["test"] == "dgcfp_pretrained not in the study" and np.isnan(absent["p"])
     )
+    assert set(made(tmp_path, pinnochio={})["verdict"]) == {ABSENT}

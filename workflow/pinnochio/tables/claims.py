@@ -57,7 +57,7 @@ def tabulate(cases: str | os.PathLike, cohort: str, seed: int) -> Table:
 def table(cases: pd.DataFrame, cohort: str, seed: int) -> Table:
     """The same of rows of CASES."""
     rows = [*_compared(cases, TABLE_1, OURS, seed), *_compared(cases, TABLE_2, VARIANTS, seed)]
-    frame = pd.DataFrame(rows)
+    frame = pd.DataFrame(rows, columns=[*(column.name for column in CLAIMS), "sign"])
     frame["p_holm"] = holm(frame["p"])
     frame["verdict"] = [_verdict(row) for row in frame.to_dict("records")]
     frame = check(frame.drop(columns="sign"), CLAIMS)
