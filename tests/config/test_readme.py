@@ -137,7 +137,7 @@ def test_readme_is_short():
     assert len(lines) <= 130 and max(map(len, lines)) <= 120
 
 
-@pytest.mark.parametrize("name", ["thickness", "ratios"])
+@pytest.mark.parametrize("name", ["thickness", "ratios", "structure"])
 def test_docs_hold_the_tables_of_the_cohort(name):
     table = (ROOT / f"results/reference/{name}.md").read_text(encoding="utf-8").strip()
     assert table in (ROOT / "docs/lab/cohort.md").read_text(encoding="utf-8")
