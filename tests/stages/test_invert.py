@@ -154,13 +154,14 @@ def test_two_wishes_that_contradict_each_other_are_named(model, face, free):
 
 def test_wishes_are_read_from_markups_surfaces_and_measures(patient, model, tmp_path):
     marks = Marks.of(model).chosen(["pogonion", "subnasale"])
-    wished = {"Pog'": marks.rest[0] + [0, -3, 0], "Sn": marks.rest[1] + [0, -1, 0]}
+    wished, older = {"Pog'": marks.rest[0] + [0, -3, 0]}, tmp_path / "wish_nose.fcsv"
+    older.write_text("# columns = id,x,y,z,label\n1,{},{},{},Sn\n".format(*(marks.rest[1] + [0, -1, 0]) * [-1, -1, 1]))
     write_surface(model.skin_points, model.skin_faces, tmp_path / "wish.ply")
     (tmp_path / "wish.csv").write_text("measure,value,change,weight\nnasolabial,105,,2\npog_forward,,+4,\n")
-    files = [markups(tmp_path / "wish.mrk.json", wished, "RAS"), str(tmp_path / "wish.ply"), str(tmp_path / "wish.csv")]
+    files = [markups(tmp_path / "wish.mrk.json", wished, "RAS"), older, tmp_path / "wish.ply", tmp_path / "wish.csv"]
     read = read_wish(files, model, INVERT["weights"], patient.case)
     assert [measure.name for measure in read] == ["pogonion", "subnasale", "wish.ply", "nasolabial", "pog_forward"]
-    np.testing.assert_allclose(read[0].target, wished["Pog'"])
+    np.testing.assert_allclose([read[0].target, read[1].target], [wished["Pog'"], marks.rest[1] + [0, -1, 0]])
     assert read[3].target == 105 and read[3].weight == 2
     rest = np.zeros_like(model.points)
     assert read[4].error(rest) == pytest.approx(4) and read[2].error(rest) < 1e-3

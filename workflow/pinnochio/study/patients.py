@@ -20,7 +20,7 @@ ENDING = ".mrk.json"
 COVARIATES_FILE = "covariates.json"
 WORDS = {"True": "yes", "False": "no"}  # of a cohort table for JSON's own
 WISH = "wish"  # name of what is wished of the face, before its ending
-WISHES = (ENDING, ".ply", ".stl", ".vtp", ".obj", ".csv", ".tsv")
+WISHES = (ENDING, ".fcsv", ".ply", ".stl", ".vtp", ".obj", ".csv", ".tsv")
 BESIDE_SCAN = (".raw", ".raw.gz", ".zraw", ".json", ".txt")  # endings of what lies beside a scan: voxels, what it is
 OTHERS = ("postop", "transforms", "readme")  # what the planner reads and writes beside the patient, before its ending
 

@@ -56,7 +56,6 @@ class WishInputs:
         """What is handed over of every new patient of whom a face is wished."""
         wished = [patient.folder for patient in self.patients.named if patient.wishes]
         if not wished:
-            raise InputError(
-                "-", self.study.config["patient"], "nobody's face is wished otherwise", "add wish.mrk.json or wish.ply"
-            )
+            remedy = "add wish.mrk.json, .fcsv, .csv or .ply"
+            raise InputError("-", self.study.config["patient"], "nobody's face is wished otherwise", remedy)
         return [f"{folder}/{file}" for folder in wished for file in ("invert/index.html", "sensitivity.png")]

@@ -14,7 +14,7 @@ import numpy as np
 from pinnochio.errors import InputError, refusal
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.importing.cohort import filled
-from pinnochio.importing.markups import ENDING, read_markups
+from pinnochio.importing.markups import ENDING, POINTS, read_markups
 from pinnochio.importing.segmentation import read_postop
 from pinnochio.json_text import Refuse, meant, read_text
 from pinnochio.model.measures import MEASURES
@@ -68,7 +68,7 @@ def read_wish(
     wishes: list = []
     marks = Marks.of(model, read_markups(markups, case).points)
     for path in files:
-        if str(path).lower().endswith(ENDING):
+        if str(path).lower().endswith((ENDING, POINTS)):
             wishes += _places(path, model, marks, weights["landmark"], case)
         elif Path(path).suffix.lower() in SURFACES:
             wishes.append(_surface(path, model, weights["surface"], case))
