@@ -118,7 +118,7 @@ class Finishing:
             start, pull = base + share * answer, self._held.pull(share * wanted, base)
             states, again = self._holding.all(start, start, pull, alike)
             made += len(states) - 1
-            if states[-1].residual <= EQUILIBRIUM or states[-1].share == 1:  # else they do not get on
+            if not (states[-1].residual > EQUILIBRIUM and states[-1].share < 1):  # else they do not get on
                 break
         field = states[-1].displacement
         return Finished(field, start, self._held.force(pull, field), max(repair, again, key=_size), made)
@@ -131,8 +131,7 @@ def _size(repair: Repair) -> tuple[float, int]:
 class PatientGraphNetwork:
     """A trained network on one patient: what belongs to the patient is computed once and serves every plan.
 
-    On a GPU the first plan records the kernels, and every later one
-    replays them without the cost of their launches.
+    On a GPU the first plan records the kernels, and every later one replays them without the cost of their launches.
     """
 
     def __init__(self, network: nn.Module, patient: PatientTensors):
