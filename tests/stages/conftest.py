@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.model.measures import MEASURES
 from pinnochio.model.regions import NAMES
 from pinnochio.patients.model_archive import Archive, calibration_file, network_file
 from pinnochio.statistics.intervals import Calibration
@@ -103,7 +104,7 @@ def prepared(patients, training, tmp_path_factory):
     shutil.copy(training[0], archive)
     methods = {METHOD: {"corrections": 1, "lift": "elastic", "usual": {}}}
     Archive("virtual cohort", 2, SEGMENTS, ["1", "2"], methods, {}, "abc", "def").write(archive)
-    widths = dict.fromkeys(NAMES, 1.5), dict.fromkeys(NAMES, 0.01)
+    widths = dict.fromkeys(NAMES, 1.5), dict.fromkeys(NAMES, 0.01), dict.fromkeys(MEASURES, 2.0)
     Calibration(METHOD, 0.9, 2, 2, *widths).write(archive / calibration_file(METHOD))
     learned = learn_loads(patients, str(folder / "fitted.h5"))
     sources = {name: torch.as_tensor(value) for name, value in learned.state().items()}
