@@ -9,7 +9,8 @@ import torch
 from pinnochio.geometry.triangles import vertex_normals
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.mechanics.solvers.newton_corrections import EQUILIBRIUM
-from pinnochio.methods.pinnochio.predictor import load_network
+from pinnochio.methods.pinnochio.predictor import GraphPredictor, load_network
+from pinnochio.methods.protocol import Planned
 from pinnochio.methods.sources import PatientSources, fit
 from pinnochio.model.face_modes import FaceModes
 from pinnochio.model.patient import PatientModel
@@ -19,7 +20,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.training.checkpoint import save_network
 from scripts.training.finetune import finetune
 from tests.helpers.settings import CONFIG, SEED, network_settings
-from tests.helpers.training import learn_loads, measured, predict_by
+from tests.helpers.training import learn_loads, measured, predict_by, save_random
 
 
 @pytest.fixture(scope="module")
@@ -135,3 +136,20 @@ def test_what_a_network_leaves_is_learned_too(patients, tmp_path):
     row, made = measured(patients[0], predictions, metrics).loc[0], read_prediction(predictions, patients[0].case)
     assert made.forces.any() and row["load_rel"] > 0
     assert row["eqres_rel"] < EQUILIBRIUM
+
+
+def test_networks_that_share_a_patient_keep_what_each_has_learned(patients, faces, tmp_path):
+    """As those of all folds do: one patient is read for all of them."""
+    (head, _), (plan, _), state = *faces, learn_loads(patients, str(tmp_path / "fitted.h5")).state()
+    planned, skins = Planned(patients[0].case, head, plan), []
+    for number in (0, 1):
+        taught = state | {"amplitudes": state["amplitudes"] + number * np.eye(len(state["amplitudes"]))[0]}
+        sources = {name: torch.as_tensor(value) for name, value in (taught | {"largest": np.array(5.0)}).items()}
+        file = save_random(
+            tmp_path / f"{number}.pt",
+            network_settings(**CONFIG["network"] | {"volume_layers": 1, "boundary_layers": 1, "channels": 8}),
+            sources=sources,
+        )
+        predict = GraphPredictor({"fem": CONFIG["fem"], "newton_corrections": 0}, file, "cpu", 1)
+        skins.append(head.moved_skin(predict(planned).displacement))
+    assert np.abs(skins[1] - skins[0]).max() > 0.01

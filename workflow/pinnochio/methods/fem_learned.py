@@ -45,8 +45,7 @@ class LearnedLoadPredictor:
         plan = planned.plan
 
         def prepare():
-            learned = planned.once(PatientSources, self._learned, planned.patient)
-            held, free, holding = planned.once(self._simulators, planned.patient)
+            learned, held, free, holding = planned.once(self._of_patient, planned.patient)
 
             def predict():
                 base = free.solve([plan])[0].displacement
@@ -74,10 +73,10 @@ class LearnedLoadPredictor:
             forces=forces,
         )
 
-    def _simulators(self, patient: PatientModel) -> tuple[HeldFace, Simulator, Simulator]:
-        """A patient's springs, and the solvers without and with them."""
+    def _of_patient(self, patient: PatientModel) -> tuple[PatientSources, HeldFace, Simulator, Simulator]:
+        """What is learned, the springs, and the solvers without and with them."""
         held = HeldFace(patient, self._fem)
         solvers = Simulator(patient, self._fem), Simulator(patient, self._fem, loads=held.loads)
         for solver in solvers:
             weakref.finalize(held, solver.close)
-        return held, *solvers
+        return PatientSources(self._learned, patient), held, *solvers

@@ -30,7 +30,8 @@ class Planned:
     _made: dict = field(default_factory=dict, compare=False)
 
     def once(self, make: Callable[..., Result], *arguments) -> Result:
-        """make(*arguments), made once for all that predict a patient, and for all of its plans."""
+        """make(*arguments), made once for all that predict a patient, and for all of its plans. Unless `make` is a
+        predictor's method, the first one's serves all predictors: nothing of what one has learned goes in."""
         if make not in self._made:
             self._made[make] = make(*arguments)
         return self._made[make]

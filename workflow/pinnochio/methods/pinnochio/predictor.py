@@ -70,7 +70,7 @@ class GraphPredictor:
 
     def _of_patient(self, planned: Planned) -> tuple["PatientGraphNetwork", PatientSources | None]:
         patient = planned.once(tensors, planned.patient, self._fem, self._settings, self._device, planned.lift)
-        sources = self._learned and planned.once(PatientSources, self._learned, planned.patient)
+        sources = self._learned and PatientSources(self._learned, planned.patient)
         return PatientGraphNetwork(self.network, patient), sources
 
 
