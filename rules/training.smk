@@ -24,7 +24,7 @@ rule pretrain:
         cases=INPUTS.training.cases,
         learner=INPUTS.training.learner,
         settings=INPUTS.training.settings("network", "pretraining", "fem"),
-        seed=SEED,
+        seed=TRAINING_SEED,
         code=code_with_method("scripts.training.pretrain", INPUTS.training.learner),
     message:
         "Pretrain {wildcards.method} on the finite-element samples of fold {wildcards.fold}"
@@ -61,7 +61,7 @@ rule finetune:
         settings=INPUTS.training.settings(
             "network", "finetuning", "fem", "newton_corrections"
         ),
-        seed=SEED,
+        seed=TRAINING_SEED,
         code=code_with_method("scripts.training.finetune", INPUTS.training.learner),
     message:
         "Adapt {wildcards.method} to the post-operative skins of fold {wildcards.fold}"

@@ -70,6 +70,7 @@ with plainly():
     INPUTS = RuleInputs(STUDY)
     NETWORKS = graph_networks(config)
     SEED, COHORT = config["seed"], STUDY.cohort.name
+    TRAINING_SEED = SEED + 1000 * config["repeat"]
     # Jobs that are timed have the machine for themselves; no number of cores is given where nothing runs, as by --list.
     ALL_CORES = workflow.resource_settings.cores or 1
     # A job of a cluster does not hear of --resources: it asks its step for a GPU only where SLURM has granted it one.
