@@ -13,8 +13,8 @@ class SurfaceSettings:
 
     The layer widths are the published code's and are not settings. points: drawn from the skin and from the bone, 4096
     in the published code; every level of an encoder holds the same share of them as there. neighbours: at most so many
-    points in a ball, 64 there. repeats: draws of each patient, shown in turn. mixed_precision: matrix products in
-    bfloat16, as DGCFP is trained in half precision. REMOVED: as of NetworkSettings.
+    points in a ball, 64 there. repeats: draws of each patient, shown in turn. mixed_precision: on a GPU
+    matrix products in bfloat16, as DGCFP is trained in half precision. REMOVED: as of NetworkSettings.
     """
 
     REMOVED: ClassVar[Mapping[str, object]] = {"distance_guided": 0}
