@@ -80,7 +80,7 @@ rule virtual_outcome:
     conda:
         "../envs/pinnochio.yaml"
     resources:
-        mem_mb=megabytes(6000),
+        mem_mb=megabytes(INPUTS.cohort.memory),
         runtime=30,
     params:
         outcome=config["virtual"]["outcome"],

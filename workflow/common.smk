@@ -18,6 +18,7 @@ from pinnochio.report.parts import FOLDED, PARTS
 from pinnochio.study.configuration import check_config
 from pinnochio.study.console import quieten
 from pinnochio.study.inputs.rules import RuleInputs
+from pinnochio.study.needs import check_needs
 from pinnochio.study.patients import oddities
 from pinnochio.study.provenance import changed_since, forgotten
 from pinnochio.study.schema import checked, read_schema, refuse_doubled
@@ -166,6 +167,14 @@ onstart:
         cores=ALL_CORES,
         results=RESULTS,
     )
+    if workflow.local_exec:
+        jobs = [
+            (job.rule.name, job.resources.get("mem_mb", 0), job.threads)
+            for job in workflow.dag.needrun_jobs()
+        ]
+        said = check_needs(jobs, ALL_CORES, config["mesh"]["nodes"], RESULTS)
+        if len(jobs) > 10:
+            logger.info(said)
 
 
 def stop_timers():

@@ -1,11 +1,13 @@
 """Results on a disk of their own that is read-only or full: the study says so, and goes on when it is mended."""
 
+import os
 import subprocess
+import time
 
 import pytest
 
 from pinnochio.files import ROOM
-from tests.helpers.study import write_case
+from tests.helpers.study import VERBOSE, write_case
 
 CONFIG = ("--config", "cohort=cases.tsv", "folds=2")
 MODEL = "results/cases/P1/model.h5"
@@ -57,12 +59,20 @@ def test_a_read_only_folder_is_refused_before_anything_is_made(project, disk):
 @pytest.mark.full
 @pytest.mark.usefixtures("case")
 def test_a_disk_that_fills_up_stops_the_study_which_goes_on_where_there_is_room(project, disk):
-    """The room is enough for what is read in, not for the mesh."""
-    disk(f"size={ROOM + 400 * 1024}")
+    """A run that does not fit is not begun. Where the disk fills up meanwhile there is room for what is read in."""
+    small = f"size={ROOM + 400 * 1024}"
+    disk(small)
     done = project.snakemake(*CONFIG, "--", MODEL)
-    assert done.returncode != 0
+    assert done.returncode != 0 and "there, and 0 MB are free. Nothing was started" in done.stdout and not made(project)
+    disk("size=1g")
+    running = project.start("--cores", "2", *CONFIG, "--", MODEL, env=os.environ | VERBOSE)
+    while not (project.folder / "results/cases/P1/import.json").exists():
+        assert running.poll() is None, project.said[-3000:]
+        time.sleep(0.05)
+    disk(small)
+    assert running.wait(timeout=600) != 0
     said = "StorageError: results/cases/P1/mesh.vtu: no space left on device. Remedy: make room on its disk"
-    assert said in done.stdout and done.stdout.count("Error in rule") == 1, done.stdout[-3000:]
+    assert said in project.said and project.said.count("Error in rule") == 1, project.said[-3000:]
     assert said in (project.folder / "results/logs/model_case/P1.log").read_text()
     before = made(project)
     assert {path.split("/")[-1] for path in before} >= {"skin.vtp", "import.json", "cohort.csv"}

@@ -32,6 +32,14 @@ class CohortInputs:
         labels = self.study.config["labels"]
         return {} if isinstance(labels, str) else labels
 
+    @property
+    def memory(self) -> int:
+        """MB for an outcome, by the nodes of its mesh."""
+        outcome = self.study.config["virtual"]["outcome"]
+        effects = outcome["effects"]
+        nodes = effects if effects == "nominal" else effects["nodes"]
+        return 2000 + (outcome["mesh"]["nodes"] if nodes == "nominal" else nodes) // 10
+
     def files(self, *names: str) -> list[str]:
         """These files of every virtual patient."""
         return [f"<results>/virtual/{case}/{name}" for case in self.study.cohort.cases for name in names]
