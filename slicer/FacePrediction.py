@@ -1,6 +1,7 @@
 """3D Slicer module: predicts the face of a patient whose segmentation and planned transforms are in the scene.
 
-Scripted module of one file. What needs Slicer is in the classes at the end; all else is plain Python and is tested.
+Scripted module of one file. What needs Slicer is in the classes at the end; all else is plain Python and is tested. The
+classes were not run in Slicer: each call was looked up in the sources of Slicer and CTK [S].
 """
 
 import json
@@ -13,7 +14,6 @@ from pathlib import Path
 try:
     import ctk
     import qt
-    import vtk
     from slicer.ScriptedLoadableModule import (
         ScriptedLoadableModule,
         ScriptedLoadableModuleLogic,
@@ -27,6 +27,13 @@ except ImportError:  # outside Slicer: the functions alone
 TOOLS = ("dentalsegmentator", "nasomaxilla", "universal", "amasss", "totalsegmentator")
 METHODS = ("pinnochio_plus", "fem_sliding", "fem_bonded", "elastic")
 PLAN = "slicer"
+# Of a bone without a transform, as Slicer saves one that moves nothing.
+STAYS = """#Insight Transform File V1.0
+#Transform 0
+Transform: AffineTransform_double_3_3
+Parameters: 1 0 0 0 1 0 0 0 1 0 0 0
+FixedParameters: 0 0 0
+"""
 
 
 def patient_name(text: str) -> str:
@@ -37,12 +44,14 @@ def patient_name(text: str) -> str:
     return name
 
 
-def prepare(folder: Path, segmentation: Path, volume: Path | None, transforms: dict[str, Path], markups=()) -> Path:
-    """Lay out a patient's folder: segmentation, scan, markups and one transform per bone segment; returns it.
+def prepare(
+    folder: Path, segmentation: Path, volume: Path | None, transforms: dict[str, Path | None], markups=()
+) -> Path:
+    """Lay out a patient's folder: segmentation, scan, markups, a transform per bone segment, None where it stays.
 
-    Files of an earlier run of the same plan are replaced, other plans stay.
+    Returns it. Files of an earlier run of the same plan are replaced, other plans stay.
     """
-    if not transforms:
+    if not any(transforms.values()):
         raise ValueError("choose a transform for at least one bone segment")
     plan = folder / "plans" / PLAN
     shutil.rmtree(plan, ignore_errors=True)
@@ -56,7 +65,10 @@ def prepare(folder: Path, segmentation: Path, volume: Path | None, transforms: d
     for file in markups:
         shutil.copy(file, folder / Path(file).name)
     for segment, file in transforms.items():
-        shutil.copy(file, plan / f"{segment}{Path(file).suffix}")
+        if file:
+            shutil.copy(file, plan / f"{segment}{Path(file).suffix}")
+        else:
+            (plan / f"{segment}.tfm").write_text(STAYS, encoding="utf-8")
     return folder
 
 
@@ -94,13 +106,17 @@ def results(project: Path, name: str, method: str) -> dict:
     }
 
 
-def predict(project: Path, folder: Path, labels: str, method: str, models: str = "", run=subprocess.run) -> dict:
-    """Run the prediction and return its files; RuntimeError with what the project refuses."""
-    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONHOME", "PYTHONPATH")}
+def predict(
+    project: Path, folder: Path, labels: str, method: str, models: str = "", env=None, run=subprocess.run
+) -> dict:
+    """Run the prediction and return its files; RuntimeError with what the project refuses.
+
+    env: variables in place of this process's, which in Slicer lead to its own Python and libraries.
+    """
     done = run(
         command(project, folder, labels, method, models),
         cwd=project,
-        env=environment,
+        env=env,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -111,7 +127,7 @@ def predict(project: Path, folder: Path, labels: str, method: str, models: str =
     return results(project, Path(folder).name, method)
 
 
-if slicer is not None:  # untested outside Slicer
+if slicer is not None:
 
     class FacePrediction(ScriptedLoadableModule):
         """What Slicer shows of the module."""
@@ -165,7 +181,7 @@ if slicer is not None:  # untested outside Slicer
 
         def onPredict(self):
             with slicer.util.tryWithErrorDisplay("The face could not be predicted.", waitCursor=True):
-                chosen = {segment: own.currentNode() for segment, own in self.transforms.items()}
+                chosen = {name: selector.currentNode() for name, selector in self.transforms.items()}
                 FacePredictionLogic().run(
                     Path(self.project.currentPath),
                     patient_name(self.name.text),
@@ -183,28 +199,24 @@ if slicer is not None:  # untested outside Slicer
             folder = Path(slicer.app.temporaryPath) / "FacePrediction" / name
             files = folder.parent / f"{name}_files"
             files.mkdir(parents=True, exist_ok=True)
-            labelled = segmentation
-            if segmentation.IsA("vtkMRMLSegmentationNode"):
-                labelled = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLabelMapVolumeNode")
-                export = slicer.modules.segmentations.logic().ExportAllSegmentsToLabelmapNode
-                export(segmentation, labelled, slicer.vtkSegmentation.EXTENT_REFERENCE_GEOMETRY)
-            slicer.util.saveNode(labelled, str(files / "segmentation.nii.gz"))
-            scan = files / "volume.nii.gz" if volume else None
-            if volume:
-                slicer.util.saveNode(volume, str(scan))
-            moved = {}
-            for segment, node in transforms.items():
-                if node is None:  # stays where it is
-                    node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLinearTransformNode", f"{segment} stays")
-                    node.SetMatrixTransformToParent(vtk.vtkMatrix4x4())
-                moved[segment] = files / f"{segment}.tfm"
-                slicer.util.saveNode(node, str(moved[segment]))
-            prepare(folder, files / "segmentation.nii.gz", scan, moved)
-            made = predict(project, folder, labels, method)
+            if segmentation is None:
+                raise ValueError("choose a segmentation")
+            # With the names of its segments: a label map made of it would number those that are there.
+            named = segmentation.IsA("vtkMRMLSegmentationNode")
+            labelled = self._save(segmentation, files / f"segmentation.{'seg.nrrd' if named else 'nii.gz'}")
+            scan = volume and self._save(volume, files / "volume.nii.gz")
+            moved = {bone: node and self._save(node, files / f"{bone}.tfm") for bone, node in transforms.items()}
+            prepare(folder, labelled, scan, moved)
+            made = predict(project, folder, labels, method, env=slicer.util.startupEnvironment())
             skin = slicer.util.loadModel(str(made["skin"]))
-            display = skin.GetDisplayNode()
-            display.SetActiveScalarName("half_width" if made["certificate"]["interval"] else "displacement")
-            display.SetScalarVisibility(True)
+            if made["certificate"]["interval"]:
+                skin.GetDisplayNode().SetActiveScalarName("half_width")
+                skin.GetDisplayNode().SetScalarVisibility(True)
             for file in made["bones"].values():
                 slicer.util.loadModel(str(file))
             return made
+
+        def _save(self, node, path):
+            if not slicer.util.saveNode(node, str(path)):
+                raise RuntimeError(f"{node.GetName()} could not be saved as {path.name}")
+            return path

@@ -44,10 +44,13 @@ def test_the_folder_is_a_patient_that_the_project_reads(patient):
     plan = Plan.read(read.plans["slicer"], "P01")
     assert plan.motion("mandible_distal").displacement([[0, 0, 0]])[0].tolist() == pytest.approx([0, 4, 0])
     (folder / "plans/mine.json").write_text("{}")
-    module.prepare(folder, files / "a.nii.gz", None, {"lefort1": moved["lefort1"]})
+    (files / "a.seg.nrrd").touch()
+    module.prepare(folder, files / "a.seg.nrrd", None, {"chin": None, "lefort1": moved["lefort1"]})
     again = read_patients(folder)["P01"]
     assert not again.volume and not again.markups and set(again.plans) == {"mine", "slicer"}
-    assert list(Plan.read(again.plans["slicer"], "P01").motions) == ["lefort1"]
+    assert again.segmentation.endswith("segmentation.seg.nrrd")
+    plan = Plan.read(again.plans["slicer"], "P01")
+    assert set(plan.motions) == {"chin", "lefort1"} and not plan.motion("chin").displacement([[9, 9, 9]]).any()
 
 
 def test_names_are_made_safe_and_no_transform_is_refused(tmp_path):
@@ -55,7 +58,7 @@ def test_names_are_made_safe_and_no_transform_is_refused(tmp_path):
     with pytest.raises(ValueError, match="letters and digits"):
         module.patient_name("../")
     with pytest.raises(ValueError, match="at least one bone"):
-        module.prepare(tmp_path, tmp_path / "a.nii.gz", None, {})
+        module.prepare(tmp_path, tmp_path / "a.nii.gz", None, {"lefort1": None})
 
 
 def test_the_command_is_the_documented_one(patient):
@@ -69,7 +72,7 @@ def test_results_come_back_and_a_refusal_is_said(patient, tmp_path):
     made = tmp_path / "results/patients/P01/slicer/fem_sliding"
 
     def good(words, cwd, env, **options):
-        assert cwd == tmp_path and "PYTHONHOME" not in env and words[4] == "--config"
+        assert cwd == tmp_path and env == {"PATH": "/bin"} and words[4] == "--config"
         (made / "bones").mkdir(parents=True)
         for name in ("skin.vtp", "bones/lefort1.stl"):
             (made / name).touch()
@@ -78,7 +81,7 @@ def test_results_come_back_and_a_refusal_is_said(patient, tmp_path):
 
     with pytest.raises(FileNotFoundError, match="no prediction"):
         module.results(tmp_path, "P01", "fem_sliding")
-    made = module.predict(tmp_path, patient[0], "dentalsegmentator", "fem_sliding", run=good)
+    made = module.predict(tmp_path, patient[0], "dentalsegmentator", "fem_sliding", env={"PATH": "/bin"}, run=good)
     assert made["skin"].is_file() and set(made["bones"]) == {"lefort1"} and made["certificate"] == {"interval": None}
 
     said = "Traceback\nInputError: case 'P01': a.nii.gz: it is upside\n down. Remedy: set 'orientation'.\nExiting\n"
