@@ -1,10 +1,12 @@
 """Makes what is said of configuration and tables from what they are declared by: `make docs`.
 
-config/README.md from the schema and the default configuration, docs/reference/columns.md from the columns of the
-tables, and the reasons beside the keys of config/config.yaml.
+config/README.md from the schema and the default configuration, docs/reference/rules.md from the graph of rules,
+docs/reference/columns.md from the columns of the tables, and the reasons beside the keys of config/config.yaml.
 """
 
 import re
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from importlib import import_module
@@ -198,6 +200,24 @@ def columns_page() -> str:
     return "\n".join(lines) + "\n"
 
 
+def rules_page(said: str) -> str:
+    """Markdown page of the graph that `snakemake --rulegraph mermaid-js` has drawn, in an order that lasts."""
+    names = dict(re.findall(r"^\t(id\d+)\[(\w+)\]$", said, re.M))
+    edges = {(names[first], names[then]) for first, then in re.findall(r"^\t(id\d+) --> (id\d+)$", said, re.M)}
+    lines = [
+        "# The rules of a study",
+        "",
+        "Drawn by Snakemake from the rules of the default study, by `make docs`; do not edit. An arrow leads to a rule "
+        "that reads what the other makes. [In short, with files](../how-to/developing.md#one-case-in-eight-jobs).",
+        "",
+        "```mermaid",
+        "flowchart TB",
+        *(f"    {first} --> {then}" for first, then in sorted(edges) if first != then),
+        "```",
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def _said_of(column: Column) -> tuple[str, str, str]:
     return column.name, column.unit, column.description
 
@@ -262,6 +282,9 @@ def _said(path: list[str], schema: dict) -> str:
 if __name__ == "__main__":
     (ROOT / "config/README.md").write_text(config_page(), encoding="utf-8")
     (ROOT / "docs/reference/columns.md").write_text(columns_page(), encoding="utf-8")
+    drawn = [sys.executable, "-m", "snakemake", "--rulegraph", "mermaid-js"]
+    said = subprocess.run(drawn, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
+    (ROOT / "docs/reference/rules.md").write_text(rules_page(said), encoding="utf-8")
     config = ROOT / "config/config.yaml"
     text = commented(config.read_text(encoding="utf-8"), read_schema(ROOT))
     config.write_text(text, encoding="utf-8")

@@ -5,9 +5,10 @@ from pathlib import Path
 import jsonschema
 import pytest
 import yaml
-from document_config import RECIPES, ROOT, columns_page, commented, config_page
+from document_config import RECIPES, ROOT, columns_page, commented, config_page, rules_page
 
 from pinnochio.study.schema import read_schema, resolved
+from tests.helpers.study import Project
 
 SCHEMA = read_schema(ROOT)
 
@@ -27,6 +28,11 @@ def test_page_is_what_the_schema_says():
 
 def test_page_of_the_columns_is_what_the_tables_are_checked_by():
     assert (ROOT / "docs/reference/columns.md").read_text() == columns_page(), "run `make docs`"
+
+
+def test_page_of_the_rules_is_what_snakemake_draws(tmp_path):
+    said = Project(tmp_path).forked("--rulegraph", "mermaid-js").stdout
+    assert (ROOT / "docs/reference/rules.md").read_text() == rules_page(said), "run `make docs`"
 
 
 def test_every_key_of_the_configuration_has_its_reason():
