@@ -208,11 +208,11 @@ def rules_page(said: str) -> str:
         "# The rules of a study",
         "",
         "Drawn by Snakemake from the rules of the default study, by `make docs`; do not edit. An arrow leads to a rule "
-        "that reads what the other makes. [In short, with files](../how-to/developing.md#one-case-in-eight-jobs).",
+        "that reads what the other makes.",
         "",
         "```mermaid",
         "flowchart TB",
-        *(f"    {first} --> {then}" for first, then in sorted(edges) if first != then),
+        *(f"    {first}-->{then}" for first, then in sorted(edges) if first != then),
         "```",
     ]
     return "\n".join(lines) + "\n"

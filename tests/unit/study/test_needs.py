@@ -27,8 +27,8 @@ def test_the_largest_jobs_of_a_rule_run_side_by_side(cores, memory):
 
 
 def test_a_run_that_fits_is_said_with_its_needs(tmp_path):
-    said = check_needs(JOBS, 4, 15000, tmp_path)
-    assert said == f"Takes up to 6.0 GB of memory, of 8.0 GB, and 900 MB in {tmp_path}, of 1.0 GB free."
+    said = check_needs(JOBS, 4, 15000, tmp_path / "new/results")
+    assert said == f"Takes up to 6.0 GB of memory, of 8.0 GB, and 900 MB in {tmp_path}/new/results, of 1.0 GB free."
 
 
 def test_a_run_that_does_not_fit_is_refused(tmp_path, monkeypatch):

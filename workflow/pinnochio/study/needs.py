@@ -24,8 +24,13 @@ def check_needs(jobs: Jobs, cores: int, nodes: int, results: str | os.PathLike) 
 
     nodes: of a patient's mesh.
     """
-    memory, there, free = at_once(jobs, cores), machine_memory(), (shutil.disk_usage(results).free - ROOM) / 1e6
-    disk = sum(LEFT.get(rule, 0) for rule, *_ in jobs) * nodes / 5000
+    memory, there, disk = (
+        at_once(jobs, cores),
+        machine_memory(),
+        sum(LEFT.get(job[0], 0) for job in jobs) * nodes / 5000,
+    )
+    place = next(filter(Path.is_dir, [Path(results), *Path(results).absolute().parents]))
+    free = (shutil.disk_usage(place).free - ROOM) / 1e6
     if memory > there:
         problem = f"it takes up to {size(memory)} of memory, and there are {size(there)}. Nothing was started"
         remedy = f"give fewer --cores: one job at a time takes {size(at_once(jobs, 0))}"
