@@ -14,7 +14,8 @@ from pinnochio.files import ROOM
 # Share of the memory that a job asks a cluster for; those of the locked study took 0.42 of it at most [X].
 USED = 0.42
 # MB that a job leaves where the mesh has 5,000 nodes [X]; it grows with them [I]. Jobs of other rules leave little.
-LEFT: dict[str, float] = {}
+LEFT = {"virtual_outcome": 4, "import_case": 1, "model_case": 31, "model_patient": 29, "make_lift": 27, "follow_up": 2}
+LEFT |= {"pretrain": 1.5, "finetune": 1.5, "predict_cases": 2, "predict_both_motions": 4}
 CONTAINER = Path("/sys/fs/cgroup/memory.max")
 Jobs = Collection[tuple[str, int, int]]  # rule, MB of memory that it asks for, threads
 
@@ -24,11 +25,8 @@ def check_needs(jobs: Jobs, cores: int, nodes: int, results: str | os.PathLike) 
 
     nodes: of a patient's mesh.
     """
-    memory, there, disk = (
-        at_once(jobs, cores),
-        machine_memory(),
-        sum(LEFT.get(job[0], 0) for job in jobs) * nodes / 5000,
-    )
+    memory, there = at_once(jobs, cores), machine_memory()
+    disk = sum(LEFT.get(rule, 0) for rule, *_ in jobs) * nodes / 5000
     place = next(filter(Path.is_dir, [Path(results), *Path(results).absolute().parents]))
     free = (shutil.disk_usage(place).free - ROOM) / 1e6
     if memory > there:
