@@ -9,7 +9,7 @@ from pathlib import Path
 from snakemake.logging import logger
 
 from pinnochio.code import ROOT, code_hash, source_file, stages
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, StorageError
 from pinnochio.files import check_writable, fingerprint
 from pinnochio.methods.names import BASELINE
 from pinnochio.methods.registry import graph_networks
@@ -46,7 +46,7 @@ def plainly():
     Snakemake shows lines of code as well."""
     try:
         yield
-    except InputError as error:
+    except (InputError, StorageError) as error:
         logger.error(str(error))
         raise SystemExit(1) from None
 
@@ -160,21 +160,22 @@ if workflow.is_main_process and not (
 
 
 onstart:
-    check_writable(RESULTS)
-    refuse_unfinished(
-        targets=list(workflow.dag_settings.targets),
-        counts=workflow.dag.stats()[1],
-        cores=ALL_CORES,
-        results=RESULTS,
-    )
-    if workflow.local_exec:
-        jobs = [
-            (job.rule.name, job.resources.get("mem_mb", 0), job.threads)
-            for job in workflow.dag.needrun_jobs()
-        ]
-        said = check_needs(jobs, ALL_CORES, config["mesh"]["nodes"], RESULTS)
-        if len(jobs) > 10:
-            logger.info(said)
+    with plainly():
+        check_writable(RESULTS)
+        refuse_unfinished(
+            targets=list(workflow.dag_settings.targets),
+            counts=workflow.dag.stats()[1],
+            cores=ALL_CORES,
+            results=RESULTS,
+        )
+        if workflow.local_exec:
+            jobs = [
+                (job.rule.name, job.resources.get("mem_mb", 0), job.threads)
+                for job in workflow.dag.needrun_jobs()
+            ]
+            said = check_needs(jobs, ALL_CORES, config["mesh"]["nodes"], RESULTS)
+            if len(jobs) > 10:
+                logger.info(said)
 
 
 def stop_timers():
