@@ -10,7 +10,7 @@ from snakemake.logging import logger
 
 from pinnochio.code import ROOT, code_hash, source_file, stages
 from pinnochio.errors import InputError, StorageError
-from pinnochio.files import check_writable, fingerprint
+from pinnochio.files import check_brought, check_writable, fingerprint
 from pinnochio.methods.names import BASELINE
 from pinnochio.methods.registry import graph_networks
 from pinnochio.patients.model_archive import READ_BY_NETWORKS
@@ -52,6 +52,7 @@ def plainly():
 
 
 with plainly():
+    check_brought("-", HERE)
     if workflow.is_main_process:
         for file in workflow.configfiles:
             refuse_doubled(file)
@@ -87,6 +88,7 @@ with plainly():
             f"{config['folds']}."
         )
     if workflow.is_main_process and STUDY.choice and STUDY.choice.archive:
+        check_brought("-", STUDY.choice.folder)
         logger.info(STUDY.choice.in_words)
 
     if workflow.is_main_process:

@@ -39,6 +39,7 @@ from scripts.patient.model_patient import model_patient  # noqa: E402
 
 IMPORTED = {"labels": "labels.nii.gz", "bone": "bone.vtp", "skin": "skin.vtp", "report": "import.json"}
 MODELLED = {"mesh": "mesh.vtu", "model": "model.h5", "quality": "quality.json"}
+PATHS = ("patient", "models")  # which a shell passes as they are: a folder may be called 007
 # Imported when they are run: the process beside this one begins sooner.
 PLAN, CHECK = "scripts.patients.predict_plan:predict_plan", "scripts.patient.check_cohort:check_cohort"
 SEGMENTS, QUALITY = "scripts.patient.show_segments:show_segments", "scripts.patient.show_quality:show_quality"
@@ -162,10 +163,11 @@ if __name__ == "__main__":
         for file in files:
             refuse_doubled(file)
         layers = [yaml.load(Path(file).read_text("utf-8"), yaml.CSafeLoader) or {} for file in files]
-        layers += ({key: yaml.safe_load(value)} for key, _, value in (word.partition("=") for word in options.keys))
+        pairs = (word.partition("=") for word in options.keys)
+        layers += ({key: value if key in PATHS else yaml.safe_load(value)} for key, _, value in pairs)
         config = checked(reduce(overlaid, layers), read_schema(ROOT))
         check_config(config)
         predict_new(config)
-    except (InputError, StorageError) as error:
+    except (InputError, StorageError, yaml.YAMLError) as error:
         print(error, flush=True)  # standard error goes to the log by now
         sys.exit(1)

@@ -14,6 +14,7 @@ from base64 import urlsafe_b64encode
 from pathlib import Path
 
 from pinnochio.files import replacing
+from pinnochio.importing.cohort import separator
 
 # What is made of several patients together, below the results.
 SHARED = (
@@ -48,10 +49,12 @@ def withdraw(case: str, results: Path, table: Path | None, snakemake: Path = Pat
     for path in doomed:
         shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
     if table:
-        rows = table.read_text(encoding="utf-8").splitlines(keepends=True)
-        column = [cell.strip() for cell in rows[0].split("\t")].index("case")
+        text = table.read_text(encoding="utf-8-sig")
+        rows, sign = text.splitlines(keepends=True), separator(text)
+        cells = [[cell.strip() for cell in row.split(sign)] for row in rows]
+        column = next(row.index("case") for row in cells if "case" in row)
         with replacing(table) as temporary:
-            kept = (row for row in rows if (row.split("\t") + [""] * column)[column].strip() != case)
+            kept = (row for row, parts in zip(rows, cells, strict=True) if parts[column : column + 1] != [case])
             temporary.write_text("".join(kept), encoding="utf-8")
     return len(files)
 

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import replace
 
+from pinnochio.errors import refusal
 from pinnochio.geometry.closed_surfaces import surfaces_in
 from pinnochio.importing.segmentation import check_plan, check_travel, read_labels
 from pinnochio.logs import collected
@@ -41,6 +42,8 @@ def _checked_plan(case, source, bone, labels, label_values, limit, share, foreig
     """The plan, arguments as in :func:`import_plan`."""
     surface = BoneSurface.read(bone)
     if is_image(source):
+        if any(file.suffix.lower() != ".txt" for file in transforms_in(source)):
+            refusal(case, source)("it holds transforms beside label maps", "put each plan into a folder of its own")
         # These take a second, which other plans are spared.
         from pinnochio.importing.postop_bones import read_postop_bones
         from pinnochio.importing.segment_registration import check_fits, register_bones

@@ -3,6 +3,8 @@
 import json
 import shutil
 
+from tests.helpers.study import Project
+
 
 def test_a_wrong_key_is_refused_in_a_few_lines(project):
     done = project.dry_run("--config", "fem={poison: 0.45}", "mesh={nodes: 3}")
@@ -37,3 +39,10 @@ def test_a_changed_configuration_is_noticed_without_snakemakes_metadata(project)
     assert "made with another configuration" not in said + project.planned("--", "nothing")
     said = project.planned("--config", "fem={poisson: 0.45}", "folds=3", "--", "nothing")
     assert "results/quick, which was made with another configuration: fem.poisson, folds. " in said
+
+
+def test_a_project_in_a_folder_that_snakemake_takes_for_a_pattern_says_so(tmp_path):
+    (tmp_path / "{trial}").mkdir()
+    done = Project(tmp_path / "{trial}").snakemake("--dry-run", "--config", "patient=examples/P01", "--", "predict")
+    assert done.returncode == 1 and "{trial}/workflow: its path holds a brace" in done.stdout
+    assert "Traceback" not in done.stdout and len(done.stdout.splitlines()) < 6

@@ -54,12 +54,14 @@ def test_a_patient_that_withdraws_leaves_nothing_and_the_others_are_not_made_aga
     record = folder / ".snakemake/metadata" / urlsafe_b64encode(b"results/cases/P1/model.h5").decode()
     assert record.is_file()
     monkeypatch.chdir(folder)
+    table = folder / "cases.tsv"  # as a German Excel leaves it
+    table.write_text("\ufeffsep=;\n" + table.read_text().replace("\t", ";"), encoding="utf-8")
     assert withdraw("P1", Path("results"), Path("cases.tsv")) > 20 and not record.exists()
     left = [path.relative_to(folder).as_posix() for path in (folder / "results").rglob("*")]
     assert not [path for path in left if "P1" in path.replace(".", "/").split("/")]
     assert "results/cases/P11/model.h5" in left and "results/benchmarks/model_case/P11.tsv" in left
     assert not [path for path in left if path.endswith((".pt", "metrics.csv", "cohort.csv")) or "tables/" in path]
     assert "results/logs/predict/2_no_change.log" in left and "results/logs/predict/1_no_change.log" not in left
-    assert [row.split("\t")[0] for row in (folder / "cases.tsv").read_text().splitlines()] == ["case", *NAMES[1:]]
+    assert [row.split(";")[0] for row in table.read_text().splitlines()] == ["sep=", "case", *NAMES[1:]]
     counted = jobs(planned(project))
     assert not counted.keys() & {*OF_A_PATIENT} and counted["finetune"] == 3 and counted["gather"] > 0

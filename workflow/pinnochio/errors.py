@@ -2,6 +2,13 @@
 
 from collections.abc import Callable
 
+Refuse = Callable[..., None]  # refuse(problem, remedy, file=...) raises InputError
+
+
+def printable(text: str) -> str:
+    """The text with what is no UTF-8, as in names of files from other systems, in numbers."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
 
 class InputError(ValueError):
     """Bad input: names the case, the file, the problem and the remedy.
@@ -11,14 +18,14 @@ class InputError(ValueError):
     """
 
     def __init__(self, case: str, file: object, problem: str, remedy: str):
-        super().__init__(f"case {case!r}: {file}: {problem}. Remedy: {remedy}.")
+        super().__init__(printable(f"case {case!r}: {file}: {problem}. Remedy: {remedy}."))
         self.case, self.file, self.problem, self.remedy = case, str(file), problem, remedy
 
     def __reduce__(self):
         return InputError, (self.case, self.file, self.problem, self.remedy)  # from another process
 
 
-def refusal(case: str, file: object) -> Callable[..., None]:
+def refusal(case: str, file: object) -> Refuse:
     """refuse(problem, remedy), which raises the InputError of a case and a file; of another file by file=..."""
 
     def refuse(problem: str, remedy: str, file: object = file) -> None:

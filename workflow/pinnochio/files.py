@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-from pinnochio.errors import InputError, StorageError
+from pinnochio.errors import InputError, StorageError, printable
 
 # Bytes; a disk with less counts as full. On one that is, HDF5 and VTK end the process, SimpleITK and VTK's PLY writer
 # leave half a file without a word, and logs cannot say why a stage has failed.
@@ -86,7 +86,7 @@ def fingerprint(paths: Iterable[str], made: str | os.PathLike) -> str:
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
         for file in files:
             if file.is_file() and not file.name.startswith("."):
-                total.update(str(file.relative_to(path.parent)).encode())
+                total.update(os.fsencode(file.relative_to(path.parent)))
                 total.update(_digest(str(file), file.stat().st_mtime_ns, file.stat().st_size))
     return total.hexdigest()[:16]
 
@@ -117,9 +117,22 @@ def check_name(case: str, name: str, path: str | os.PathLike) -> None:
     """Refuse a name of a patient or plan that a file cannot bear everywhere, or that a command takes for an option."""
     if not NAME.fullmatch(name):
         shown = name if len(name) <= LONGEST_NAME else name[:20] + "..."
-        raise InputError(
-            case if len(case) <= LONGEST_NAME else shown,
-            path,
-            f"the name {shown!r} is not of 1 to {LONGEST_NAME} letters, digits, '-' and '_', the first no '-'",
-            "rename it, such as P01",
-        )
+        case = case if len(case) <= LONGEST_NAME else shown
+        problem = f"the name {shown!r} is not of 1 to {LONGEST_NAME} letters, digits, '-' and '_', the first no '-'"
+        raise InputError(case, path, problem, "rename it, such as P01")
+
+
+def entries(folder: str | os.PathLike) -> list[Path]:
+    """What a folder holds, by name, without the files that systems hide in it, as `._plan.json` of macOS; nothing of
+    what is no folder."""
+    return sorted(Path(folder).glob("[!.]*"))
+
+
+def check_brought(case: str, path: str | os.PathLike) -> None:
+    """Refuse a path that Snakemake takes for a pattern or cannot write down, and what nobody may read."""
+    if set("{}<>") & set(str(path)) or printable(str(path)) != str(path):
+        remedy = "rename the file or folder that has it"
+        raise InputError(case, path, "its path holds a brace, < or >, or a letter that is not UTF-8", remedy)
+    for file in [Path(path), *entries(path)]:
+        if os.path.exists(file) and not os.access(file, os.R_OK | os.X_OK * file.is_dir()):
+            raise InputError(case, file, "its permissions forbid reading it", "make it readable, or copy it elsewhere")

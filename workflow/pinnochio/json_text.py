@@ -8,10 +8,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar
 
-from pinnochio.errors import REMEDY, InputError
+from pinnochio.errors import REMEDY, InputError, Refuse
 from pinnochio.files import replacing
 
-Refuse = Callable[[str, str], None]  # refuse(problem, remedy) raises InputError
 Kind = TypeVar("Kind")  # a dataclass
 LARGEST = 1e300  # so that squares of what is read with others still mean something
 

@@ -8,6 +8,8 @@ import struct
 import zlib
 from pathlib import Path
 
+from pinnochio.files import entries
+
 IMAGE_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".gipl", ".gipl.gz", ".dcm")
 HEADER = 4096  # bytes that hold the sizes in every format
 
@@ -16,7 +18,9 @@ def voxels(path: str | os.PathLike) -> int:
     """Voxels of a NIfTI, NRRD or MetaImage file; 0 where nobody can say, as of a file that is not there yet."""
     try:
         name = str(path).lower()
-        with gzip.open(path) if name.endswith(".nii.gz") else open(path, "rb") as file:
+        with open(path, "rb") as file:  # compressed or not, by its content
+            packed = name.endswith((".nii", ".nii.gz")) and file.read(2) == b"\x1f\x8b"
+        with gzip.open(path) if packed else open(path, "rb") as file:
             head = file.read(HEADER)
         if name.endswith((".nii", ".nii.gz")):
             order = next(order for order in "<>" if struct.unpack(order + "i", head[:4])[0] in (348, 540))
@@ -37,5 +41,5 @@ def millions(path: str | os.PathLike) -> int:
 def is_image(path: str | os.PathLike) -> bool:
     """Whether a path is a label map, or a folder of label maps."""
     path = Path(path)
-    files = path.iterdir() if path.is_dir() else [path]
+    files = entries(path) if path.is_dir() else [path]
     return any(file.name.lower().endswith(IMAGE_FORMATS) for file in files)

@@ -82,11 +82,30 @@ def test_hidden_files_are_nothing_and_files_that_nothing_reads_are_said(folder):
     assert "nothing reads notes.odt" in oddities(read_patients(folder).values())[0]
 
 
-def test_transforms_that_lie_bare_in_the_folder_of_plans_are_one_plan(folder):
-    (folder / "plans").mkdir()
+@pytest.mark.parametrize("home", ["plans", "plan"])
+def test_transforms_that_lie_bare_in_a_folder_of_plans_are_one_plan(folder, home):
+    (folder / home).mkdir()
     for name in ("lefort1.tfm", "mandible_distal.tfm", "other.json"):
-        (folder / "plans" / name).touch()
-    assert plans_of(folder) == {"other": "plans/other.json", "plan": "plans"}
+        (folder / home / name).touch()
+    assert plans_of(folder) == {"other": f"{home}/other.json", "plan": home}
+
+
+def test_names_of_either_case_and_folders_for_files_are_read_or_said(folder):
+    (folder / "Covariates.JSON").write_bytes(b'\xef\xbb\xbf{"sex": "Female",\r\n "age": "30,5"}')
+    (folder / "plan.json").mkdir()
+    for name in ("postop.nii.gz", "Postop.PLY", "b\udcfc.txt"):
+        (folder / name).touch()
+    (patient,) = read_patients(folder).values()
+    assert patient.covariates == {"sex": "female", "age": 30.5}
+    assert oddities([patient]) == [f"{folder}: nothing reads b\\udcfc.txt, postop.nii.gz."]
+
+
+def test_a_file_that_nobody_may_read_is_refused(folder, monkeypatch):
+    (folder / "dicom").mkdir()
+    (folder / "dicom/ct.dcm").touch()
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "ct.dcm")
+    with pytest.raises(InputError, match="'P01': .*ct.dcm: its permissions forbid"):
+        read_patients(folder)
 
 
 def test_a_folder_that_snakemake_would_read_as_a_wildcard_is_refused(tmp_path):
@@ -126,6 +145,9 @@ def test_a_table_names_several_patients(folder):
         (["plan.json", "segmentation.nrrd"], "segmentation.nii.gz, segmentation.nrrd"),
         (["plan.json", "plans/plan.json"], "plan 'plan' is there twice"),
         (["plans/my plan.json"], "'my plan' is not of 1 to 64 letters"),
+        (["plans/lm.mrk.json"], "markups are no plan"),
+        (["{a}.mrk.json"], "brace"),
+        (["wish_\udcfc.csv"], "not UTF-8"),
     ],
 )
 def test_what_is_missing_or_there_twice_is_said(folder, made, said):

@@ -73,7 +73,7 @@ def test_a_patient_that_is_left_out_needs_no_files_and_is_named_with_the_reason(
         (HEADER + "P1\ta.nii.gz\tplan.json\t\np1\ta.nii.gz\tplan.json\t\n", "'P1' is the same name"),
         (HEADER + "P1\ta.nii.gz\tplan.json\t\tx\n", "5 cells"),
         (HEADER + "P1\ta.nii.gz\n", "2 cells"),
-        (HEADER.replace("\t", ","), "is unknown"),
+        (HEADER.replace("\t", " "), "is unknown"),
     ],
 )
 def test_bad_table_is_refused(tmp_path, text, problem):

@@ -1,7 +1,7 @@
 """Triangle surfaces that users bring: read with checks, and closed ones, one per structure, turned into voxels."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -9,7 +9,8 @@ import numpy as np
 import pyvista as pv
 import SimpleITK as sitk
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, Refuse
+from pinnochio.files import entries
 from pinnochio.geometry.mesh_topology import pieces
 from pinnochio.geometry.surface_integrity import check_surface, read_mesh, read_obj, read_ply
 from pinnochio.geometry.triangles import enclosed_volume, face_normals
@@ -21,13 +22,11 @@ MARGIN = 15  # voxels of air round the head where it is whole, more than the edg
 CUT_AREA, CUT_FLATNESS = 1000.0, 0.2  # mm2, mm: so much skin so flat at an end of the head is a cut, as at the neck
 FLAT, NARROW, TORN = 1.0, 45.0, 0.1  # mm off a plane, mm across; share of the edges that are open: no surface [I]
 Surface = tuple[np.ndarray, np.ndarray]
-Refuse = Callable[..., None]  # refuse(problem, remedy, file=...) raises InputError
 
 
 def surfaces_in(folder: str | os.PathLike, refuse: Refuse | None = None) -> list[Path]:
     """The surface files of a folder by name; none where the path is no folder. One of UNREAD is refused by `refuse`."""
-    files = sorted(Path(folder).iterdir()) if Path(folder).is_dir() else []
-    files = [file for file in files if not file.name.startswith(".")]
+    files = entries(folder)
     if refuse and (unread := [file for file in files if file.suffix.lower() in UNREAD]):
         refuse("such surfaces are not read", f"save it as one of {', '.join(SURFACE_FORMATS)}", file=unread[0])
     return [file for file in files if file.suffix.lower() in SURFACE_FORMATS]

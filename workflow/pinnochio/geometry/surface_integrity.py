@@ -6,13 +6,15 @@ the process, so PLY is read here; a STL that is cut off becomes a surface with a
 
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from codecs import BOM_UTF8
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pyvista as pv
 
-Refuse = Callable[..., None]  # refuse(problem, remedy, file=...) raises InputError
+from pinnochio.errors import Refuse
+
 AGAIN = "export it again, or copy it again from where it comes from"
 # Types of PLY by their codes of NumPy.
 _NAMES = "i1 char int8, u1 uchar uint8, i2 short int16, u2 ushort uint16, i4 int int32, u4 uint uint32"
@@ -59,7 +61,8 @@ def read_obj(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.nd
     points, faces = [], []
     counts = dict.fromkeys((b"v", b"vt", b"vn"), 0)  # points, places in a texture, normals: a face may name each
     named = {kind: [] for kind in counts}
-    lines = re.sub(rb"\\\r?\n", b" ", Path(path).read_bytes()).split(b"\n")
+    content = Path(path).read_bytes().removeprefix(BOM_UTF8)
+    lines = re.sub(rb"\\\r?\n", b" ", content).split(b"\n")
     if lines[-1].strip():
         damaged("its last line does not end, so it may be cut off")
     for line in lines:
@@ -240,6 +243,8 @@ def _check_stl(content: bytes, damaged) -> None:
             return
     if content.lstrip()[:5].lower() != b"solid" or b"\0" in content:
         damaged("its header and its length disagree: a binary STL has 84 bytes and 50 for each facet")
+    if re.search(rb"vertex[^\n]*,", content, re.IGNORECASE):
+        damaged("its numbers have decimal commas")
     words = content.lower().split()
     opened, closed, corners = (words.count(word) for word in (b"facet", b"endfacet", b"vertex"))
     if words.count(b"endsolid") < 1 or opened != closed or corners != 3 * opened:

@@ -3,14 +3,16 @@
 import csv
 import io
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pinnochio.errors import InputError, refusal
-from pinnochio.files import check_name
-from pinnochio.json_text import Refuse, meant, read_text
+from pinnochio.errors import InputError, Refuse, refusal
+from pinnochio.files import check_brought, check_name
+from pinnochio.json_text import meant, read_text
 
+SEPARATORS = "\t;,"
 COLUMNS = ("case", "segmentation", "plan", "postop")
 FILES = ("segmentation", "plan", "postop", "postop_bones", "volume", "markups")
 OPTIONAL_FILES = ("postop", "postop_bones", "volume", "markups")
@@ -21,12 +23,19 @@ BONES = "bones"  # `postop_frame` of a skin of the same scan as the post-operati
 FOLDERS = ("segmentation", "plan", "postop_bones", "markups", "volume")
 
 
+def decimal(text: str) -> float:
+    """A number whose decimal sign is a point or a comma; ValueError for anything else."""
+    if "_" in text:  # Python's own sign between digits
+        raise ValueError
+    return float(text if "." in text else text.replace(",", ".", 1))
+
+
 def _number(low: float, high: float, unit: str):
     """Reader of a number within bounds."""
 
     def read(text: str) -> float:
-        value = float(text)  # NaN lies in no bounds
-        if "_" in text or not low <= value <= high:
+        value = decimal(text)  # NaN lies in no bounds
+        if not low <= value <= high:
             raise ValueError
         return value
 
@@ -73,7 +82,7 @@ class Case:
 
 
 def read_cases(table: str | os.PathLike) -> list[Case]:
-    """Read a cohort table (tab-separated; paths relative to the table) and check files and values.
+    """Read a cohort table (paths relative to the table) and check files and values.
 
     :data:`COLUMNS` must be there; `postop_bones`, `volume`, `markups`, `postop_frame`, `left_out` and
     :data:`COVARIATES` may; the order is free. Of a patient that is left out no file is looked at.
@@ -82,14 +91,9 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
     refuse = refusal("-", table)
     if not table.is_file():
         refuse("the cohort table does not exist", "set 'cohort' to 'virtual' or to a table")
-    try:
-        # newline="": the reader's own ends of lines
-        reader = csv.reader(io.StringIO(read_text(table, refuse), newline=""), delimiter="\t", strict=True)
-        columns, *listed = filled(reader, refuse)
-        _check_columns(columns, table)
-        rows = [dict(zip(columns, row, strict=True)) for row in listed]
-    except csv.Error as error:
-        refuse(f"it is no table ({error})", "save it as tab-separated text in UTF-8")
+    columns, *listed = read_rows(table, refuse)
+    _check_columns(columns, table)
+    rows = [dict(zip(columns, row, strict=True)) for row in listed]
     cases = []
     for row in rows:
         name = row["case"]
@@ -106,6 +110,8 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
                 raise InputError(name, table, f"column {key} is empty", f"name the {key} file of the case")
             if path and not (os.path.isfile(path) or (key in FOLDERS and os.path.isdir(path))):
                 raise InputError(name, path, f"the {key} file does not exist", f"correct the path in {table}")
+            if path:
+                check_brought(name, path)
         frame = row.get(FRAME, "")
         if frame not in ("", BONES):
             raise InputError(name, table, f"{FRAME} holds {frame!r}", f"write {BONES}, or leave it empty")
@@ -118,10 +124,24 @@ def read_cases(table: str | os.PathLike) -> list[Case]:
     return cases
 
 
-def filled(reader: Iterable[Sequence[str]], refuse: Refuse) -> list[list[str]]:
-    """Rows of cells, the first one of names, without the empty rows and columns that spreadsheets leave behind; refused
-    where a row has more or fewer cells than the first."""
-    rows = [(line, [cell.strip() for cell in row]) for line, row in enumerate(reader, 1)]
+def separator(text: str) -> str:
+    """What parts the cells of a table: a tab, a semicolon or a comma, by its first line that is not empty."""
+    first = text.lstrip(SEPARATORS + "\r\n ").partition("\n")[0]
+    return max(SEPARATORS, key=first.count)
+
+
+def read_rows(path: str | os.PathLike, refuse: Refuse) -> list[list[str]]:
+    """Rows of cells, the first one of names, without the empty rows and columns that spreadsheets leave behind, and
+    without their line `sep=;`; refused where a row has more or fewer cells than the first."""
+    if str(path).lower().endswith((".xlsx", ".xls", ".ods")):
+        refuse("it is a workbook, not a text", "save its sheet as CSV in UTF-8")
+    text = re.sub(r"\A\s*\"?sep=.\"?\r?\n", "", read_text(path, refuse))
+    try:
+        # newline="": the reader's own ends of lines
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator(text), strict=True)
+        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    except csv.Error as error:
+        refuse(f"it is no table ({error})", "save it as text in UTF-8, its cells separated by tabs")
     rows = [(line, row) for line, row in rows if any(row)] or [(1, [])]
     first = rows[0][1]
     for line, row in rows:
@@ -135,7 +155,7 @@ def filled(reader: Iterable[Sequence[str]], refuse: Refuse) -> list[list[str]]:
 def _check_columns(columns: list[str], table: Path) -> None:
     refuse = refusal("-", table)
     known = (*COLUMNS, *FILES[len(COLUMNS) - 1 :], FRAME, LEFT_OUT, *COVARIATES)
-    remedy = f"use tab-separated columns {', '.join(COLUMNS)}, and any of {', '.join(known[len(COLUMNS) :])}"
+    remedy = f"use columns {', '.join(COLUMNS)}, separated by tabs, and any of {', '.join(known[len(COLUMNS) :])}"
     for name in columns:
         if name not in known:
             refuse(f"its column {name!r} is unknown{meant(name, known)}", remedy)

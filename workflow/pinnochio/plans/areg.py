@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from pinnochio.errors import refusal
+from pinnochio.files import entries
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import UNCUT, of_role
@@ -27,8 +28,7 @@ BASE, JAWS = "CB", {"MAX": ("maxilla",), "MAND": ("distal", UNCUT, "chin")}  # a
 
 def matrices(folder: str | os.PathLike) -> list[Path]:
     """The matrices of AReg in a folder; none where the path is no folder."""
-    files = (file for file in sorted(Path(folder).glob("*_matrix.tfm")) if not file.name.startswith("."))
-    return [file for file in files if NAME.fullmatch(file.stem)]
+    return [file for file in entries(folder) if file.suffix.lower() == ".tfm" and NAME.fullmatch(file.stem)]
 
 
 def read_areg(folder: str | os.PathLike, case: str, segments: Sequence[str]) -> Plan:

@@ -83,10 +83,8 @@ class Plan:
             check_keys(entry, MOTION_KEYS, f"segment {segment!r}: ", refuse)
             parts = [entry.get(key, None if key != "pivot" else [0, 0, 0]) for key in MOTION_KEYS]
             if not (numbers(parts[0], 3, 3) and numbers(parts[1], 3) and numbers(parts[2], 3)):
-                refuse(
-                    f"segment {segment!r} needs rotation (3x3), translation (3) and, if wanted, pivot (3)",
-                    "write all numbers of the motion as numbers",
-                )
+                problem = f"segment {segment!r} needs rotation (3x3), translation (3) and, if wanted, pivot (3)"
+                refuse(problem, "write all numbers of the motion as numbers")
             stored, *places = (np.array(part, float) for part in parts)
             rotation, off = nearest_rotation(stored)
             if not off <= NEARLY:
@@ -96,15 +94,11 @@ class Plan:
                 LOG.warning(f"case %r: %s: {said}", name, file, segment, off)
             motion = RigidMotion(stored if off <= ROUNDED else rotation, *places)
             if not np.linalg.norm(motion.translation) <= LARGEST_TRANSLATION:
-                refuse(
-                    f"translation of segment {segment!r} is {np.linalg.norm(motion.translation):.0f} mm",
-                    f"write translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)",
-                )
+                problem = f"translation of segment {segment!r} is {np.linalg.norm(motion.translation):.0f} mm"
+                refuse(problem, f"write translations in millimetres ({LARGEST_TRANSLATION:.0f} at most)")
             if not np.abs(motion.pivot).max() <= FARTHEST:
-                refuse(
-                    f"pivot of segment {segment!r} lies {np.abs(motion.pivot).max():.3g} mm from the origin",
-                    "write the pivot in millimetres in the frame of the scan",
-                )
+                problem = f"pivot of segment {segment!r} lies {np.abs(motion.pivot).max():.3g} mm from the origin"
+                refuse(problem, "write the pivot in millimetres in the frame of the scan")
             motions[segment] = motion
         said = data.get("warnings", [])
         if not isinstance(said, list) or not all(isinstance(words, str) for words in said):

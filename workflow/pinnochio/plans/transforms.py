@@ -11,6 +11,7 @@ import os
 import re
 import resource
 import tempfile
+from codecs import BOM_UTF8
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -23,7 +24,7 @@ import SimpleITK as sitk
 from scipy.io import loadmat, whosmat
 
 from pinnochio.errors import InputError, refusal
-from pinnochio.files import replacing
+from pinnochio.files import entries, replacing
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION, NEARLY, RigidMotion, nearest_rotation
 from pinnochio.plans.plan import TRANSFORM_FORMATS
 
@@ -61,9 +62,7 @@ def read_transforms(folder: str | os.PathLike, case: str) -> dict[str, RigidMoti
     InputError for what is not rigid, for several transforms in one file and for two files of one segment.
     """
     files: dict[str, Path] = {}
-    for file in sorted(Path(folder).iterdir()) if Path(folder).is_dir() else [Path(folder)]:
-        if file.name.startswith("."):
-            continue
+    for file in entries(folder) if Path(folder).is_dir() else [Path(folder)]:
         if file.suffix.lower() not in TRANSFORM_FORMATS:
             LOG.warning("case %r: %s is no transform; ignored", case, file)
         elif file.stem in files:
@@ -78,8 +77,7 @@ def read_transforms(folder: str | os.PathLike, case: str) -> dict[str, RigidMoti
 
 def transforms_in(folder: str | os.PathLike) -> list[Path]:
     """The files of transforms in a folder, by name."""
-    files = (file for file in sorted(Path(folder).iterdir()) if not file.name.startswith("."))
-    return [file for file in files if file.suffix.lower() in TRANSFORM_FORMATS]
+    return [file for file in entries(folder) if file.suffix.lower() in TRANSFORM_FORMATS]
 
 
 def write_transforms(motions: Mapping[str, RigidMotion], folder: str | os.PathLike) -> None:
@@ -100,17 +98,19 @@ def _read_motion(file: Path, case: str) -> RigidMotion:
     return motion
 
 
-def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def read_rigid(file: Path, case: str, source: Path | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rotation (3, 3), offset (3,) and centre of a rigid ITK transform; its inverse is rotation (x - offset), LPS mm.
 
-    InputError for a file that is damaged, holds several transforms or one that is not rigid.
+    InputError for a file (source: what it is a copy of) that is damaged, holds several transforms or one that is not
+    rigid.
     """
-    refuse = refusal(case, file)
-    if file.suffix != file.suffix.lower():  # ITK goes by the ending
+    source, content = source or file, file.read_bytes()
+    refuse = refusal(case, source)
+    if file.suffix != file.suffix.lower() or content.startswith(BOM_UTF8):  # ITK goes by the ending, and reads no mark
         with tempfile.TemporaryDirectory() as folder:
-            plain = Path(folder, file.stem + file.suffix.lower())
-            plain.write_bytes(file.read_bytes())
-            return read_rigid(plain, case)
+            plain = Path(folder, f"plain{file.suffix.lower()}")
+            plain.write_bytes(content.removeprefix(BOM_UTF8))
+            return read_rigid(plain, case, source)
     if file.suffix.lower() in (".tfm", ".txt"):
         _check_text(file, lambda problem: refuse(f"it cannot be read as a transform ({problem})", AGAIN))
     try:
@@ -141,7 +141,7 @@ def read_rigid(file: Path, case: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
     if not off <= NEARLY:
         refuse("it scales, shears or mirrors", "save a rigid transform: rotation and translation only")
     if off > RIGID:
-        LOG.warning("case %r: %s: its rotation is rounded (R'R differs from I by %.1g); made one", case, file, off)
+        LOG.warning("case %r: %s: its rotation is rounded (R'R differs from I by %.1g); made one", case, source, off)
     return rotation.T, offset, np.array(transform.GetFixedParameters()[:3])
 
 

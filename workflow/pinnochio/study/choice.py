@@ -59,21 +59,15 @@ def choose(config: Mapping, models: str | os.PathLike) -> Choice:
     folder = Path(models).resolve()
     archive = Archive.read(folder)
     if method not in archive.methods:
-        raise InputError(
-            "-",
-            folder,
-            f"the archive has no {method!r}, but {', '.join(archive.methods)}",
-            f"choose predict.method among these, or add {method!r} to uncertainty.methods and pack the study again",
-        )
+        problem = f"the archive has no {method!r}, but {', '.join(archive.methods)}"
+        other = f"add {method!r} to uncertainty.methods and pack the study again"
+        raise InputError("-", folder, problem, f"choose predict.method among these, or {other}")
     strange = [name for name in config["segments"] if name not in archive.segments]
     if strange and config["predict"]["other_segments"] == "refuse":
-        raise InputError(
-            "-",
-            "configuration",
-            f"'segments' names {', '.join(strange)}, and the models were trained with {', '.join(archive.segments)}",
-            "label and name them so, or set predict.other_segments to 'predict'; the certificate then says that the "
-            "patient is unlike the training",
-        )
+        known = ", ".join(archive.segments)
+        problem = f"'segments' names {', '.join(strange)}, and the models were trained with {known}"
+        remedy = "label and name them so, or set predict.other_segments to 'predict'; the certificate then says that "
+        raise InputError("-", "configuration", problem, f"{remedy}the patient is unlike the training")
     trained = archive.methods[method]
     return Choice(
         method=method,

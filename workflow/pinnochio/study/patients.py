@@ -6,9 +6,10 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import shorten
 
-from pinnochio.errors import InputError, refusal
-from pinnochio.files import check_name
+from pinnochio.errors import InputError, printable, refusal
+from pinnochio.files import check_brought, check_name, entries
 from pinnochio.importing.cohort import COVARIATES, Case, covariates_of, read_cases
 from pinnochio.json_text import read_json
 from pinnochio.plans.plan import TRANSFORM_FORMATS
@@ -20,9 +21,11 @@ ENDING = ".mrk.json"
 COVARIATES_FILE = "covariates.json"
 WORDS = {"True": "yes", "False": "no"}  # of a cohort table for JSON's own
 WISH = "wish"  # name of what is wished of the face, before its ending
-WISHES = (ENDING, ".fcsv", ".ply", ".stl", ".vtp", ".obj", ".csv", ".tsv")
+SURFACES = (".ply", ".stl", ".vtp", ".obj")
+WISHES = (ENDING, ".fcsv", *SURFACES, ".csv", ".tsv")
 BESIDE_SCAN = (".raw", ".raw.gz", ".zraw", ".json", ".txt")  # endings of what lies beside a scan: voxels, what it is
-OTHERS = ("postop", "transforms", "readme")  # what the planner reads and writes beside the patient, before its ending
+SCANS = tuple(f"postop{ending}" for ending in SURFACES)  # what the planner reads beside the patient
+OTHERS = ("transforms", "readme")  # what it writes there, and what people do, before its ending
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,11 +61,6 @@ def markups_in(folder: str | os.PathLike) -> list[str]:
     return [str(path) for path in files if not _is_wish(path)]
 
 
-def entries(folder: str | os.PathLike) -> list[Path]:
-    """What a folder holds, by name, without the files that systems hide in it, as `._plan.json` of macOS."""
-    return [path for path in sorted(Path(folder).iterdir()) if not path.name.startswith(".")]
-
-
 def _stem(path: Path) -> str:
     """The name before its endings; letters of either case are the same."""
     return path.name.split(".")[0].lower()
@@ -82,9 +80,9 @@ def read_patients(path: str | os.PathLike) -> dict[str, Patient]:
     folder of plans too; it has no wishes. InputError for what is missing or there twice.
     """
     path = Path(path)
-    if set("{}") & set(str(path)):  # wildcards to Snakemake
-        raise InputError("-", path, "its path holds a brace", "rename the folder that has it")
-    if os.path.isdir(path):  # a path that is too long is none
+    if os.path.exists(path):  # not of a path that is too long
+        check_brought("-", path)
+    if os.path.isdir(path):
         patients = [_of_folder(path)]
     elif os.path.isfile(path):
         patients = [
@@ -111,7 +109,8 @@ def oddities(patients: Iterable[Patient]) -> list[str]:
     odd = []
     for patient in patients:
         if patient.unused:
-            odd.append(f"{patient.source}: nothing reads {', '.join(patient.unused)}.")
+            listed = shorten(", ".join(patient.unused), 300, placeholder=" ...")
+            odd.append(printable(f"{patient.source}: nothing reads {listed}."))
         for file in patient.plans.values():
             try:
                 case = json.loads(Path(file).read_bytes().decode("utf-8-sig")).get("case", patient.name)
@@ -136,12 +135,13 @@ def _of_folder(folder: Path) -> Patient:
     files = entries(folder)
     images = [path for path in files if _stem(path) == "segmentation" and (_is_image(path) or path.is_dir())]
     if len(images) != 1:
-        listed = ", ".join(path.name for path in images) or "no segmentation"
+        likely = images or [path for path in files if path.name.lower().startswith("seg")]
+        listed = ", ".join(path.name for path in likely) or "no segmentation"
         remedy = "keep one: segmentation.nii.gz, .nrrd, .mha, .dcm, or a folder segmentation/ (of surfaces: skull.stl)"
         raise InputError(name, folder, f"it holds {listed}", remedy)
     for path in files:
         text = path.suffix.lower() == ".json" and not path.name.lower().endswith(ENDING)
-        if text and b'"markups"' in path.read_bytes():
+        if text and path.is_file() and b'"markups"' in path.read_bytes():
             raise InputError(name, path, "it holds points, and is not read", f"save them as markups ({ENDING})")
     second = [path for path in files if _stem(path) == "plan" and _is_image(path)]
     listed = [path for path in files if path.name.lower() in ("plan.json", "plan", "plans")]
@@ -156,7 +156,10 @@ def _of_folder(folder: Path) -> Patient:
         shown = ", ".join(path.name for path in volumes)
         raise InputError(name, folder, f"it holds {shown}", "keep one scan: the one that was segmented")
     wishes = [path for path in files if _is_wish(path)]
-    read = {*images, *volumes, *listed, *second, *wishes, *map(Path, markups_in(folder)), folder / COVARIATES_FILE}
+    known = next((path for path in files if path.name.lower() == COVARIATES_FILE), folder / COVARIATES_FILE)
+    read = {*images, *volumes, *listed, *second, *wishes, *map(Path, markups_in(folder)), known}
+    for path in sorted(read):
+        check_brought(name, path)
     return _new(
         name,
         segmentation=str(images[0]),
@@ -166,9 +169,11 @@ def _of_folder(folder: Path) -> Patient:
         markups=str(folder) if markups_in(folder) else "",
         wishes=tuple(map(str, wishes)),
         unused=tuple(
-            path.name for path in files if path not in read and _stem(path) not in OTHERS and not _beside(path)
+            path.name
+            for path in files
+            if path not in read and path.name.lower() not in SCANS and _stem(path) not in OTHERS and not _beside(path)
         ),
-        covariates=_covariates(name, folder / COVARIATES_FILE),
+        covariates=_covariates(name, known),
     )
 
 
@@ -196,19 +201,20 @@ def _plans(case: str, path: str | os.PathLike) -> dict[str, str]:
     files = [path]
     if path.is_dir():
         inside = entries(path)
+        if marked := [file for file in inside if file.name.lower().endswith(ENDING)]:
+            raise InputError(case, marked[0], "markups are no plan", "put them beside the segmentation")
         several = [file for file in inside if file.suffix.lower() == ".json" or file.is_dir() or _is_image(file)]
-        if path.name.lower() == "plans":
-            # Transforms that lie there by themselves are one plan.
-            bare = any(file.suffix.lower() in TRANSFORM_FORMATS and file.suffix != ".txt" for file in inside)
-            files = several + ([path] if bare else [])
-        else:
-            files = several or files
+        # Transforms, or arches, that lie there by themselves are one plan.
+        endings = {file.suffix.lower() for file in inside} - {".txt"}
+        bare = not endings.isdisjoint((*TRANSFORM_FORMATS, *SURFACES))
+        files = several + [path] * (bare or not several and path.name.lower() != "plans")
     plans = {}
     for plan in files:
         name = plan.name.split(".")[0] if _is_image(plan) else plan.stem
         if plan == path and plan.name.lower() == "plans":
             name = "plan"
         check_name(case, name, plan)
+        check_brought(case, plan)
         if name.lower() in map(str.lower, plans):
             raise InputError(case, plan, f"plan {name!r} is there twice", "give each plan a name of its own")
         plans[name] = str(plan)

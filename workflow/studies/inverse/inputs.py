@@ -13,12 +13,9 @@ def check_bounds(bounds: Mapping[str, Mapping]) -> None:
     """InputError where bounds of a bone shut out the place where it is."""
     for kind, intervals in bounds.items():
         if shut := [name for name, (low, high) in intervals.items() if not low <= 0 <= high]:
-            raise InputError(
-                "-",
-                "configuration",
-                f"invert.bounds.{kind}.{shut[0]} is {intervals[shut[0]]}, which shuts out the bone where it is",
-                "let it reach from 0 or less to 0 or more: a proposal begins with nothing moved",
-            )
+            problem = f"invert.bounds.{kind}.{shut[0]} is {intervals[shut[0]]}, which shuts out the bone where it is"
+            remedy = "let it reach from 0 or less to 0 or more: a proposal begins with nothing moved"
+            raise InputError("-", "configuration", problem, remedy)
 
 
 @dataclass(frozen=True)
@@ -38,12 +35,9 @@ class WishInputs:
         patient = self.study.new_patients[wildcards.case]
         if name not in patient.plans:
             known = ", ".join(patient.plans) or "none"
-            raise InputError(
-                wildcards.case,
-                "configuration",
-                f"invert.occlusion names the plan {name!r}, and the patient's plans are: {known}",
-                "name one of them, or 'rest' for the occlusion as it is, or 'free'",
-            )
+            problem = f"invert.occlusion names the plan {name!r}, and the patient's plans are: {known}"
+            remedy = "name one of them, or 'rest' for the occlusion as it is, or 'free'"
+            raise InputError(wildcards.case, "configuration", problem, remedy)
         return [f"{patient.folder}/{name}/plan.json"]
 
     def calibration(self, wildcards) -> list[str]:

@@ -1,22 +1,19 @@
 """A user's wish, read and checked: landmarks (3D Slicer markups), a surface (PLY, STL, VTP), a table of measures."""
 
-import csv
-import io
 import logging
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from pinnochio.errors import InputError, refusal
+from pinnochio.errors import InputError, Refuse, refusal
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.importing.cohort import filled
+from pinnochio.importing.cohort import decimal, read_rows
 from pinnochio.importing.markups import ENDING, POINTS, read_markups
 from pinnochio.importing.segmentation import read_postop
-from pinnochio.json_text import Refuse, meant, read_text
+from pinnochio.json_text import meant
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from studies.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, Wish
@@ -117,13 +114,7 @@ def _places(path, model: PatientModel, marks: Marks, weight: float, case: str) -
 def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str) -> list[MeasureWish]:
     """One wish per row of a table with the columns measure, and value or change, and weight if wanted."""
     refuse = refusal(case, path)
-    text = read_text(path, refuse)
-    try:
-        text = re.sub(r"\Asep=.\r?\n", "", text)  # as Excel writes it
-        dialect = csv.Sniffer().sniff(text.split("\n")[0], ",\t;")
-        columns, *rows = filled(csv.reader(io.StringIO(text, newline=""), dialect=dialect, strict=True), refuse)
-    except csv.Error as error:
-        refuse(f"it is no table ({error})", f"give columns {', '.join(COLUMNS)}, separated by commas or tabs")
+    columns, *rows = read_rows(path, refuse)
     if not rows or not set(columns) <= set(COLUMNS) or "measure" not in columns or len({*columns}) < len(columns):
         refuse(f"its columns are {columns or 'none'}", f"give columns {', '.join(COLUMNS)}, each once, and a row")
     known = {name.lower(): name for name in MEASURES} | {
@@ -134,21 +125,17 @@ def _measures(path, model: PatientModel, marks: Marks, weight: float, case: str)
         row = dict(zip(columns, row, strict=True))
         name = known.get(row["measure"].lower())
         if name is None:
-            refuse(
-                f"{row['measure']!r} is no measure{meant(row['measure'].lower(), known, 0.4)}",
-                f"name one of {', '.join(MEASURES)}",
-            )
+            problem = f"{row['measure']!r} is no measure{meant(row['measure'].lower(), known, 0.4)}"
+            refuse(problem, f"name one of {', '.join(MEASURES)}")
         numbers = {}
         for key in COLUMNS[1:]:
             if row.get(key):
                 try:
-                    numbers[key] = float(row[key].replace("_", "?"))  # Python's own sign between digits
+                    numbers[key] = decimal(row[key])
                 except ValueError:
                     numbers[key] = np.nan
                 if not np.isfinite(numbers[key]):
-                    refuse(
-                        f"{key} of {name!r} is {row[key]!r}", "write a number with a decimal point, without its unit"
-                    )
+                    refuse(f"{key} of {name!r} is {row[key]!r}", "write a number, without its unit")
         if ("value" in numbers) == ("change" in numbers):
             refuse(f"{name!r} has {'both' if 'value' in numbers else 'neither'} value and change", "give one of them")
         if not 0 < numbers.get("weight", 1) <= LARGEST_WEIGHT:
@@ -179,10 +166,8 @@ def measure_wish(
         refuse(f"{name!r} cannot be measured on this face", "wish something else")
     wish = replace(wish, target=now + change if value is None else value)
     if not abs(wish.target - now) <= FARTHEST_MEASURE[measure.unit]:
-        refuse(
-            f"{name!r} is {now:.1f} {measure.unit} now and wished to be {wish.target:.1f}",
-            f"wish a change of {FARTHEST_MEASURE[measure.unit]:g} {measure.unit} or less",
-        )
+        problem = f"{name!r} is {now:.1f} {measure.unit} now and wished to be {wish.target:.1f}"
+        refuse(problem, f"wish a change of {FARTHEST_MEASURE[measure.unit]:g} {measure.unit} or less")
     return wish
 
 

@@ -16,12 +16,9 @@ class PlannerInputs:
         """What the planner needs of every new patient."""
         files = [f"{patient.folder}/planner.json" for patient in self.patients.named]
         if not self.study.choice.archive:
-            raise InputError(
-                "-",
-                "configuration",
-                f"the planner shows the interval of a trained method, and {self.study.choice.method} has none",
-                "leave predict.method as it is, or name a method of the archive",
-            )
+            problem = f"the planner shows the interval of a trained method, and {self.study.choice.method} has none"
+            remedy = "leave predict.method as it is, or name a method of the archive"
+            raise InputError("-", "configuration", problem, remedy)
         return files
 
     def settings(self, wildcards) -> dict:

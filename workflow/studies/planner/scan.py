@@ -6,9 +6,8 @@ import numpy as np
 
 from pinnochio.errors import InputError
 from pinnochio.importing.postop_skin import registered_skin
+from pinnochio.study.patients import SCANS
 from studies.planner.prepared import Prepared
-
-NAMES = ("postop.ply", "postop.stl", "postop.obj", "postop.vtp")
 
 
 def read_scan(prepared: Prepared) -> tuple[np.ndarray, np.ndarray] | None:
@@ -17,7 +16,7 @@ def read_scan(prepared: Prepared) -> tuple[np.ndarray, np.ndarray] | None:
     None where there is none; InputError for several, and for one that is no scan of this face.
     """
     case, home = prepared.case, Path(prepared.home)
-    files = [path for path in sorted(home.iterdir()) if path.name.lower() in NAMES]
+    files = [path for path in sorted(home.iterdir()) if path.name.lower() in SCANS]
     if not files:
         return None
     if len(files) > 1:

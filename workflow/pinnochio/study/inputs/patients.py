@@ -42,12 +42,9 @@ class NewPatientInputs:
     def archive(self, wildcards) -> list[str]:
         """The archive of the study, where it trains what is to be packed."""
         if not self.packed:
-            raise InputError(
-                "-",
-                "configuration",
-                "no method of uncertainty.methods and predict.method is trained here",
-                "add one to 'methods', with a scan of at least one patient per fold",
-            )
+            problem = "no method of uncertainty.methods and predict.method is trained here"
+            remedy = "add one to 'methods', with a scan of at least one patient per fold"
+            raise InputError("-", "configuration", problem, remedy)
         return ["<results>/archive/archive.json"]
 
     @property
@@ -88,12 +85,8 @@ class NewPatientInputs:
         patients, method = self.named, self.study.choice.method
         for patient in patients:
             if not patient.plans:
-                raise InputError(
-                    patient.name,
-                    patient.source,
-                    "there is no plan",
-                    "add plan.json, or plans/NAME.json for several, or make one with the planner (make planner)",
-                )
+                remedy = "add plan.json, or plans/NAME.json for several, or make one with the planner (make planner)"
+                raise InputError(patient.name, patient.source, "there is no plan", remedy)
         return [
             f"{patient.folder}/{plan}/{method}/{name}"
             for patient in patients
