@@ -157,6 +157,7 @@ rule predict_plan:
         corrections=lambda wildcards: STUDY.choice.corrections,
         archive=lambda wildcards: STUDY.choice.folder,
         predicts=INPUTS.patients.predicts,
+        content=content(lambda wildcards: STUDY.choice.files),
         code=code_with_method("scripts.patients.predict_plan"),
     message:
         "Predict {wildcards.case}{wildcards.plan}"

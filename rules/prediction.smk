@@ -104,6 +104,7 @@ rule predict_external:
         runtime=5,
     params:
         cases=INPUTS.prediction.held_out,
+        content=content(INPUTS.prediction.external_files),
         code=code_of("scripts.prediction.predict_external"),
     message:
         "Read what {wildcards.method} predicts for fold {wildcards.fold}"
