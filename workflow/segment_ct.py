@@ -20,7 +20,7 @@ from pinnochio.geometry.plane import Plane
 from pinnochio.importing.head_parts import read_scan
 from pinnochio.importing.markups import read_markups
 from pinnochio.importing.presets import MANDIBLE, SKULL
-from pinnochio.importing.segmentation import HEADER, write_segmentation
+from pinnochio.importing.segmentation import HEADER, plain_name, write_segmentation
 from pinnochio.importing.soft_tissue import bulk, closed, larger
 
 PLANES = ("occlusal", "pterygoid", "joint")
@@ -37,7 +37,7 @@ def segment_ct(ct: str, planes: str, bone: float, folder: str, orientation: str 
     if scan.exists() and scan.samefile(ct):
         refuse("the scan that is made would take its place", "name another folder")
     image = _cubes(sitk.DICOMOrient(read_scan(ct, orientation, "-", refuse), "LPS"), spacing, refuse)
-    known = read_markups([planes], "-").planes
+    known = {plain_name(name): plane for name, plane in read_markups([planes], "-").planes.items()}
     if missing := [name for name in PLANES if name not in known]:
         refusal("-", planes)(f"it has no plane {missing[0]!r}", f"draw planes called {', '.join(PLANES)}")
     parts = part_bones(image, known, bone, refuse)

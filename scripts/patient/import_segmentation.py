@@ -1,7 +1,9 @@
 """Makes repaired and checked labels, then bone and skin surfaces, in LPS mm of a patient's segmentation."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +24,8 @@ from pinnochio.logs import collected
 from pinnochio.model.labels import CRANIUM, MUSCLE, SUPERFICIAL, internal_codes
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from pinnochio.plans.roles import GUESS, UNCUT
+
+LOG = logging.getLogger("pinnochio.importing")  # what is warned of there is shown
 
 
 def import_labels(
@@ -107,6 +111,8 @@ def _checked_head(
     else:
         head = read_segmentation(segmentation, case, label_values, segments, orientation, repair_limit)
         made = {"closed": head.closed} if head.closed else {}
+        if unused := [Path(file).name for file in (volume, *markups) if file]:
+            LOG.warning("case %r: not used, because 'labels' names what is cut already: %s", case, ", ".join(unused))
         frame = check_anatomy(head.labels, head.spacing, head.segments, head.axes, case, segmentation)
     voxel = float(np.prod(head.spacing))
     labels, repairs = repair(head.labels, head.segments, repair_limit, case, segmentation, voxel)

@@ -131,8 +131,8 @@ def head() -> np.ndarray:
     return labels
 
 
-def save_labels(path: Path, compressed: bool = True) -> None:
-    image = sitk.GetImageFromArray(head().transpose(2, 1, 0))
+def save_labels(path: Path, compressed: bool = True, kind: str = "uint8") -> None:
+    image = sitk.GetImageFromArray(head().astype(kind).transpose(2, 1, 0))
     image.SetSpacing((4.0, 4.0, 4.0))
     image.SetOrigin((-60.0, -64.0, -70.0))
     sitk.WriteImage(image, str(path), useCompression=compressed)
@@ -193,10 +193,7 @@ def labels(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     yield Tried("labels: a folder of that name", as_a_folder)
 
     def of_type(kind: str, folder: Path):
-        image = sitk.GetImageFromArray(head().astype(kind).transpose(2, 1, 0))
-        image.SetSpacing((4.0, 4.0, 4.0))
-        image.SetOrigin((-60.0, -64.0, -70.0))
-        sitk.WriteImage(image, str(folder / "a.nrrd"))
+        save_labels(folder / "a.nrrd", kind=kind)
         return read_labels(folder / "a.nrrd")
 
     yield from overlapping()
@@ -412,6 +409,13 @@ def scans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     text = written(obj, "a.obj")
     for what, data in damaged(text, rng, count):
         yield Tried(f"scan: a.obj: {what}", partial(_read_bytes, read, "a.obj", data), ...)
+    right = once(partial(_read_bytes, read, "a.obj", text))
+    yield Tried("scan: a marked a.obj", partial(_read_bytes, read, "a.obj", b"\xef\xbb\xbf" + text), right)
+    corners = ("\n".join("vertex " + " ".join(f"{x:.3f}" for x in point) for point in points[face]) for face in faces)
+    facets = "".join(f"facet normal 0 0 0\nouter loop\n{three}\nendloop\nendfacet\n" for three in corners)
+    stl = f"solid a, b\n{facets}endsolid\n"
+    for name, data, wanted in (("points", stl, ...), ("commas", stl.replace(".", ","), None)):
+        yield Tried(f"scan: STL with decimal {name}", partial(_read_bytes, read, "c.stl", data.encode()), wanted)
     whole = written(partial(write_surface, points, faces), "a.ply")
     for name, old, new in (
         ("more vertices", f"element vertex {len(points)}", f"element vertex {10**9}"),
@@ -474,7 +478,7 @@ def scans(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         return bool(len(placed) >= len(points) - 3 and np.ptp(placed, axis=0).max() < 150 and len(triangles))
 
     yield Tried("scan: a spike of 400 mm", read_spiked, True)
-    for factor, right in ((0.1, True), (0.001, True), (30.0, None), (0.0, None), (np.inf, None)):
+    for factor, right in ((0.1, True), (0.001, True), (1 / 25.4, None), (1e3, None), (0.0, None), (np.inf, None)):
 
         def scaled(folder: Path, factor=factor):
             with np.errstate(invalid="ignore"):
@@ -643,9 +647,11 @@ def transforms(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         assert data != text.encode(), name
         yield Tried(f"transform: {name}", partial(_read_bytes, read, "a.tfm", data))
     right = once(partial(_read_bytes, read, "a.tfm", text.encode()))
-    yield Tried(
-        "transform: carriage returns", partial(_read_bytes, read, "a.tfm", text.replace("\n", "\r\n").encode()), right
-    )
+    for name, data in (
+        ("carriage returns", text.replace("\n", "\r\n").encode()),
+        ("a byte-order mark", b"\xef\xbb\xbf" + text.encode()),
+    ):
+        yield Tried(f"transform: {name}", partial(_read_bytes, read, "a.tfm", data), right)
 
 
 # ---- tables
@@ -681,7 +687,8 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "a quote that never ends": ((head_ + '"' + row).encode(), None),
         "a row too long": ((head_ + row.replace("\n", "\tx\n")).encode(), None),
         "a row too short": ((head_ + "P1\ta.nii.gz\n").encode(), None),
-        "semicolons": ((head_ + row).replace("\t", ";").encode(), None),
+        "semicolons": ((head_ + row).replace("\t", ";").encode(), right),
+        "a German Excel": (("sep=;\r\n" + (head_ + row).replace("\t", ";").replace("30", "30,0")).encode(), right),
         "a column twice": ((head_.replace("age", "plan") + row).encode(), None),
         "a column unknown": ((head_.replace("age", "Age") + row).encode(), None),
         "a path too long": ((head_ + row.replace("a.json", "a" * 300)).encode(), None),
@@ -693,7 +700,7 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         cases[f"the name {name[:20]!r}"] = ((head_ + row.replace("P1", name)).encode(), None)
     for name in ("p1", "P1", " P1"):
         cases[f"{name!r} beside 'P1'"] = ((head_ + row + row.replace("P1", name)).encode(), None)
-    for age in ("nan", "inf", "-1", "1e9", "thirty", "30,5", "3_0", "0x10", "٣٠٠"):
+    for age in ("nan", "inf", "-1", "1e9", "thirty", "3,0,5", "3_0", "0x10", "٣٠٠"):
         cases[f"an age of {age}"] = ((head_ + row.replace("30", age)).encode(), None)
     for _ in range(count):
         name = "".join(rng.choice(list("ABCdef019_-"), rng.integers(1, 65)))

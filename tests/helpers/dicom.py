@@ -7,13 +7,13 @@ from pydicom.dataset import FileMetaDataset
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
 
 
-def scan_slices(shape, direction, spacing, origin, voxels=None, step=None):
+def scan_slices(shape, direction, spacing, origin, voxels=None, step=None, series="series"):
     """An axial CT as DICOM data sets, of air or of voxels [ix, iy, iz]; shape, spacing: columns, rows, slices.
 
     step (3,) mm: way from slice to slice, where it is not that of an upright gantry.
     """
     step = spacing[2] * direction[:, 2] if step is None else step
-    series, study, frame = (generate_uid(entropy_srcs=[name]) for name in ("series", "study", "frame"))
+    series, study, frame = (generate_uid(entropy_srcs=[name]) for name in (series, "study", "frame"))
     slices = []
     for number in range(shape[2]):
         made = Dataset()
@@ -40,11 +40,11 @@ def scan_slices(shape, direction, spacing, origin, voxels=None, step=None):
     return slices
 
 
-def save_series(folder, voxels, direction, spacing, origin, step=None, left_out=()):
+def save_series(folder, voxels, direction, spacing, origin, step=None, left_out=(), series="series"):
     """The slices of a CT, voxels [ix, iy, iz] in HU, as files without an ending, in another order than they lie."""
     folder.mkdir(exist_ok=True)
     values = np.rint(voxels).astype(np.int16)
-    for number, made in enumerate(scan_slices(values.shape, direction, spacing, origin, values, step)):
+    for number, made in enumerate(scan_slices(values.shape, direction, spacing, origin, values, step, series)):
         if number not in left_out:
             made.save_as(folder / f"IM{(7 * number) % 1009:04d}", enforce_file_format=True)
     return folder

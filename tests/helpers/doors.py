@@ -19,7 +19,7 @@ from tests.helpers.judging import Tried
 
 SPACING = 3.5
 NAMES = ("Maxilla & Upper Skull", "Mandible", "Upper Teeth", "Lower Teeth", "Mandibular canal")
-STEMS = ("upper_skull", "mandible", "upper_teeth", "lower_teeth", "mandibular_canal")
+STEMS = ("Upper_Skull", "mandible", "upper_teeth", "lower_teeth", "mandibular_canal")
 BONE = 0.002  # share by which a bone may differ
 TISSUE = 0.03  # share by which soft tissue may differ where the scan is another one
 
@@ -72,23 +72,38 @@ def named(values, order, folder: Path, layers=False, **changes):
     tools.write_seg_nrrd(folder / "segmentation.seg.nrrd", stored, segments, np.eye(3), head.spacing, head.origin)
 
 
-def one_by_one(values, folder: Path, crop=True, empty=False, percent=False):
+def cropped(mask, path: Path):
+    """Write a mask cropped to itself."""
+    head, index = made()[0], np.argwhere(mask)
+    low = np.maximum(index.min(axis=0) - 1, 0)
+    part = mask[tuple(slice(a, b) for a, b in zip(low, index.max(axis=0) + 2, strict=True))]
+    tools.write(path, part, head, origin=head.origin + low * head.spacing)
+
+
+def one_by_one(values, folder: Path, empty=False, percent=False):
     """Write each structure as a file, cropped to itself."""
-    head = made()[0]
     (folder / "segmentation").mkdir()
     for value, stem in enumerate(STEMS, 1):
         mask = (values == value).astype(np.uint8)
-        low, high = np.zeros(3, int), np.array(mask.shape)
-        if crop:
-            index = np.argwhere(mask)
-            low, high = np.maximum(index.min(axis=0) - 1, 0), index.max(axis=0) + 2
         if percent and stem == "mandible":
             mask = mask * np.linspace(1, 100, mask.shape[2]).astype(np.uint8)
-        part = mask[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+        cropped(mask, folder / f"segmentation/{stem}.nii.gz")
         if empty and stem == "mandibular_canal":
-            part = part * 0
-        tools.write(folder / f"segmentation/{stem}.nii.gz", part, head, origin=head.origin + low * head.spacing)
+            tools.write(folder / f"segmentation/{stem}.nii.gz", mask * 0, made()[0])
     (folder / "segmentation/._mandible.nii.gz").write_bytes(b"\0\5\x16\7")
+
+
+def misnamed(ending: str, folder: Path):
+    """Write the label map as a NIfTI whose ending says the other of compressed and not."""
+    other = {".nii": "a.nii.gz", ".nii.gz": "a.nii"}[ending]
+    tools.write(folder / other, made()[1], made()[0]).rename(folder / f"segmentation{ending}")
+
+
+def spaceless(values, folder: Path):
+    """Write the label map as a NRRD that says nothing of its frame."""
+    sizes, spacing = (" ".join(map(str, numbers)) for numbers in (values.shape, made()[0].spacing))
+    lines = "NRRD0004", "type: uint8", "dimension: 3", f"sizes: {sizes}", f"spacings: {spacing}", "encoding: raw\n\n"
+    (folder / "segmentation.nrrd").write_bytes("\n".join(lines).encode() + values.astype(np.uint8).tobytes(order="F"))
 
 
 def second_nifti(folder: Path):
@@ -118,10 +133,13 @@ def beside(folder: Path):
     (folder / "._CT.mhd").write_bytes(b"\0\5\x16\7")
 
 
-def series(folder: Path, **changes):
-    """Write the scan as slices of DICOM."""
+def series(folder: Path, beside=0, **changes):
+    """Write the scan as slices of DICOM, with some slices of another series beside them."""
     head, _, grey, _ = made()
-    save_series(folder / "dicom", grey, np.eye(3), np.asarray(head.spacing), np.asarray(head.origin), **changes)
+    grid = np.eye(3), np.asarray(head.spacing), np.asarray(head.origin)
+    save_series(folder / "dicom", grey, *grid, **changes)
+    if beside:
+        save_series(folder / "dicom/other", grey[..., :beside], *grid, series="another")
 
 
 def frames(folder: Path, **changes):
@@ -200,19 +218,31 @@ def doors(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         yield bad(f"{name} beside the labels", **none, grey=grey, save=partial(surface_beside, values, name))
     yield bad("a mask of percent", **none, grey=grey, save=partial(one_by_one, values, percent=True))
     yield good("NIfTI-2, a capital", **none, grey=grey, save=second_nifti)
+    for ending in (".nii", ".nii.gz"):
+        yield good(f"a misnamed {ending}", **none, grey=grey, save=partial(misnamed, ending))
+    yield bad("a NRRD without a frame", **none, grey=grey, save=partial(spaceless, values))
+    tight = partial(cropped, values)
+    yield good("labels cropped to the bones", **none, grey=grey, save=lambda home: tight(home / "segmentation.nii.gz"))
+    negative = values.astype(np.int16)
+    negative[:2] = -1024
+    yield good("labels with padding below 0", values=negative, head=head, grey=grey)
+    yield bad("the scan as labels", values=np.rint(grey).astype(np.int16), head=head, grey=grey)
+    yield bad("the labels as scan", values=values, head=head, grey=values.astype(np.float32))
     yield good("a scan of two files", values=values, head=head, save=beside)
-    yield good("a series of slices", values=values, head=head, save=series)
+    yield good("a series of slices, and a scout", values=values, head=head, save=partial(series, beside=4))
+    yield bad("two series", values=values, head=head, save=partial(series, beside=12))
     yield good("a tilted gantry", values=values, head=head, save=tilted)
     yield good("frames of one file", values=values, head=head, save=frames)
     yield bad("missing frames", values=values, head=head, save=partial(frames, left_out=(20, 21)))
     yield good("DICOM-SEG", **none, grey=grey, save=dicom_seg)
     yield bad("missing slices", values=values, head=head, save=partial(series, left_out=(20, 21)))
-    for value in (-3024.0, -2000.0, 0.0):
+    for value in (-32768.0, -3024.0, -2000.0, 0.0):
         yield good(f"padding of {value:g}", grey=padded(value))
     for shift in ((0, -2, 0), (3, 0, 0), (0, -4, 2), (0, 0, 6)):
         yield bad(f"a scan that is {shift} voxels off", grey=np.roll(grey, shift, (0, 1, 2)))
     yield bad("a scan of two volumes", values=values, head=head, save=two_volumes)
-    yield bad("a scan of another format", values=values, head=head, save=lambda home: (home / "ct.tif").touch())
+    for name in ("ct.tif", "ct.nii.gz"):
+        yield bad(f"an empty {name}", values=values, head=head, save=lambda home, name=name: (home / name).touch())
     yield bad("no frame", **none, grey=grey, save=frameless)
     island = values.copy()
     skull = np.argwhere(values == 1)
@@ -227,11 +257,14 @@ def doors(rng: np.random.Generator, count: int) -> Iterator[Tried]:
     yield bad("exchanged sides", save=partial(marked, Me=menton, RCo=top[1], LCo=top[0]))
     yield bad("exchanged landmarks", save=partial(marked, Me=top[0], RCo=menton))
     yield bad("landmarks in another frame", save=partial(marked, frame="RAS", **places))
-    yield bad("landmarks 1 m off", save=partial(marked, **{name: place + 1000 for name, place in places.items()}))
+    for how, size, way in (("1 m off", 1, 1000), ("in cm", 0.1, 0)):
+        elsewhere = {name: size * place + way for name, place in places.items()}
+        yield bad(f"landmarks {how}", save=partial(marked, **elsewhere))
     lines = ["# CoordinateSystem = 0", "# columns = id,x,y,z,label", *(
         f"{name},{-place[0]},{-place[1]},{place[2]},{name}" for name, place in places.items()
     )]  # fmt: skip
-    yield good("landmarks of an older Slicer", save=lambda home: (home / "a.fcsv").write_text("\n".join(lines)))
+    older = ("\ufeff" + "\r\n".join(lines)).encode()  # as an editor of Windows saves it
+    yield good("landmarks of an older Slicer", save=lambda home: (home / "a.fcsv").write_bytes(older))
     yield bad("points without a head", save=lambda home: (home / "a.fcsv").write_text("1,0,0,0"))
     yield bad("markups that are not called so", save=partial(marked, name="landmarks.json", **places))
     region = {"type": "ROI", "center": [0, 0, 0], "size": [400, 400, 400], "insideOut": True}

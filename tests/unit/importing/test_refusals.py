@@ -2,6 +2,7 @@
 
 import json
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ import pyvista as pv
 import SimpleITK as sitk
 
 from pinnochio.errors import InputError
+from pinnochio.geometry.triangles import enclosed_volume
 from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from scripts.patient.import_plan import import_plan
 from scripts.patient.register_postop import register_postop
+from studies.planner.scan import read_scan
 from tests.helpers.coarse_head import IMPORTED, import_head
 from tests.helpers.virtual_heads import virtual_head
 
@@ -56,13 +59,15 @@ def plan_text(segment="lefort1", case="P1", head=None, **parts):
     return json.dumps({"case": case} | (head or {}) | {"segments": {"mandible": motion(), segment: motion(**parts)}})
 
 
-def run_import(folder, segmentation=None, plan=None, values=CODES, segments=SEGMENTS, unlabelled="derived", limit=2.0):
+def run_import(
+    folder, segmentation=None, plan=None, values=CODES, segments=SEGMENTS, unlabelled="derived", limit=2.0, **more
+):
     """Import a case into folder/out; segmentation and plan are paths, by default good ones."""
     if segmentation is None:
         segmentation = write_image(folder / f"P1{PLAIN}", head())
     made = folder / ("out" if plan is None else "imported")  # what is refused leaves nothing in `out`
     outputs = {name: str(made / file) for name, file in IMPORTED.items()}
-    import_head("P1", str(segmentation), values, segments, "header", limit, unlabelled, outputs=outputs)
+    import_head("P1", str(segmentation), values, segments, "header", limit, unlabelled, outputs=outputs, **more)
     if plan is None:
         plan = folder / "P1.json"
         plan.write_text(plan_text())
@@ -232,9 +237,10 @@ def test_bad_input_is_refused_by_name(wrong, tmp_path):
 
 
 def test_the_same_without_the_fault_goes_in(tmp_path):
-    run_import(tmp_path)
+    run_import(tmp_path, volume="ct.nii.gz", markups=["lm.mrk.json"])
     said = json.loads((tmp_path / "out/report.json").read_text())
     assert said["muscle"] == "labelled" and said["repairs"] == []
+    assert said["warnings"] == ["not used, because 'labels' names what is cut already: ct.nii.gz, lm.mrk.json"]
     (tmp_path / "unlabelled").mkdir()
     of_labels(changed(code=0, clear=2), unlabelled="single")(tmp_path / "unlabelled")
     assert json.loads((tmp_path / "unlabelled/out/report.json").read_text())["muscle"] == "single"
@@ -243,3 +249,20 @@ def test_the_same_without_the_fault_goes_in(tmp_path):
     noisy_scan = points + np.random.default_rng(0).normal(scale=0.05, size=points.shape)  # as no scanner is without
     of_scan(noisy_scan, faces[:, ::-1], limit=0.05)(tmp_path / "scan")  # wound inward, which is mended
     assert (tmp_path / "scan/out/postop.h5").exists()
+
+
+def test_the_planner_reads_a_scan_as_the_study_does(tmp_path, from_in_place):
+    points, faces = skin_of()()
+    noisy_scan = points + np.random.default_rng(0).normal(scale=0.05, size=points.shape)
+    of_scan(noisy_scan, faces[:, ::-1])(tmp_path)
+    (tmp_path / "P1.ply").rename(tmp_path / "Postop.PLY")
+    files = {name: str(tmp_path / f"preop/{name}.vtp") for name in ("skin", "bone")}
+    settings = {"nasion_above_maxilla": 20.0, "limit": 1.5}
+    prepared = SimpleNamespace(case="P1", home=str(tmp_path), scan=settings, **files)
+    read, turned = read_scan(prepared)
+    assert enclosed_volume(read - read.mean(axis=0), turned) > 0
+    assert np.abs(read.min(axis=0) - points.min(axis=0)).max() < 1
+    write_surface(1.05 * noisy_scan, faces, tmp_path / "P1.ply")
+    (tmp_path / "P1.ply").rename(tmp_path / "Postop.PLY")
+    with pytest.raises(InputError, match="'P1': .*Postop.PLY: (made 0.95. times|registered on the upper face)"):
+        read_scan(prepared)

@@ -118,13 +118,6 @@ def test_the_limit_is_a_share_of_the_structure(limit, passes):
             mend(labels, limit)
 
 
-def test_a_limit_that_is_no_number_lets_no_map_in():
-    """Not even a clean one, of which nothing would be repaired."""
-    with pytest.raises(InputError, match=r"'P1': head.nii.gz.* 0 % of .* the limit is nan %"):
-        mend(head(), np.nan)
-    mend(head(), 0.0)
-
-
 def test_what_a_structure_gains_counts_too():
     labels = head()
     labels[22:29, 20:27, 12:19] = AIR

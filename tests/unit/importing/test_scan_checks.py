@@ -184,25 +184,3 @@ def test_a_scan_without_area_is_refused():
     points, faces = face(noise=0.1)
     with pytest.raises(InputError, match="hardly any surface"):
         register(points * [0, 0, 1], faces, *face(), PLANE, **NAMES, limit=LIMIT)
-
-
-def test_a_limit_that_is_no_number_registers_no_scan(from_in_place):
-    with pytest.raises(InputError, match=r"median residual of 0\.\d\d mm \(limit nan mm\)"):
-        register(*face(noise=0.1), *face(), PLANE, **NAMES, limit=np.nan)
-
-
-def test_a_bound_that_is_no_number_lets_no_scan_through(monkeypatch):
-    scan = face(noise=0.1)
-    check_scan(*scan, *face(), PLANE, IN_PLACE, **NAMES)
-    for bound, words in {
-        "THE_SAME": "it is this skin itself",
-        "DEPTH": "its upper face is flat",
-        "COVERED": "it shows 9. % of the upper face",
-        "OFF": r"half of the upper face lies 0\.\d mm or more off it",
-        "BRIDGE": "of the bridge of the nose",
-        "MIRROR_BETTER": "its mirror image fits the upper face better",
-    }.items():
-        with monkeypatch.context() as patch:
-            patch.setattr(scan_checks, bound, np.nan)
-            with pytest.raises(InputError, match=words):
-                check_scan(*scan, *face(), PLANE, IN_PLACE, **NAMES)

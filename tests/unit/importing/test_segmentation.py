@@ -140,30 +140,3 @@ def test_an_stl_in_any_metric_unit_comes_in_as_millimetres_with_each_vertex_once
     assert len(vertices) == len(points) and again.n_open_edges == 0
     np.testing.assert_allclose(again.bounds, pv.PolyData(points).bounds, atol=1e-3)
     assert ("taken as" in caplog.text) == (scale != 1)
-
-
-def scan_in(path, scale=1.0, poison=None):
-    _, mesh = face()
-    mesh.points = mesh.points * scale
-    if poison is not None:
-        mesh.points[5] = poison
-    mesh.save(path)
-
-
-BAD_SCAN = {
-    "micrometres": (lambda p: scan_in(p, 1e3), "1e.03 times the size", "millimetres, centimetres or metres"),
-    "inches": (lambda p: scan_in(p, 1 / 25.4), "0.0394 times the size", "millimetres, centimetres or metres"),
-    "nan": (lambda p: scan_in(p, 1, np.nan), "not finite", "remove these"),
-    "empty": (lambda p: p.write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
-                                     "property float z\nend_header\n"), "header counts", "export"),
-    "cloud": (lambda p: pv.PolyData(face()[0]).save(p), "empty", "triangles"),
-    "absent": (lambda p: None, "does not exist", "correct the path"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("fault", BAD_SCAN)
-def test_a_bad_scan_is_refused_by_case_file_and_remedy(tmp_path, fault):
-    make, problem, remedy = BAD_SCAN[fault]
-    make(tmp_path / "face.ply")
-    with pytest.raises(InputError, match=rf"case 'P1': .*face\.ply: .*{problem}.*Remedy: .*{remedy}"):
-        read_postop(tmp_path / "face.ply", "P1", face()[0])

@@ -2,13 +2,13 @@
 
 import logging
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
 
-Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
+from pinnochio.errors import Refuse
+
 LOG = logging.getLogger(__name__)
 FEWEST = 10  # slices of a scan; localizers and reports have fewer
 UNEVEN = 0.03  # of the distance of two slices by which another may differ
@@ -32,19 +32,19 @@ def read_series(path: str | os.PathLike, refuse: Refuse) -> sitk.Image:
     for file in files:
         try:
             head = pydicom.dcmread(file, stop_before_pixels=True, specific_tags=list(WORDS))
-        except (OSError, pydicom.errors.InvalidDicomError):
+            frames = int(head.get("NumberOfFrames") or 1) > 1 and head.get("Modality") != "SEG"
+            if (frames or "ImagePositionPatient" in head) and "LOCALIZER" not in (head.get("ImageType") or ()):
+                series.setdefault(str(head.get("SeriesInstanceUID")), []).append((file, head))
+        except pydicom.errors.InvalidDicomError:
             continue
-        frames = int(head.get("NumberOfFrames") or 1) > 1 and head.get("Modality") != "SEG"
-        if (frames or "ImagePositionPatient" in head) and "LOCALIZER" not in head.get("ImageType", ()):
-            series.setdefault(str(head.SeriesInstanceUID), []).append((file, head))
+        except Exception as error:  # pydicom raises what it likes
+            refuse(f"{file.name!r} cannot be read ({error})", AGAIN)
     whole = [one for one in series.values() if sum(int(head.get("NumberOfFrames") or 1) for _, head in one) >= FEWEST]
     if len(whole) != 1:
         listed = [f"{slices[0][1].get('SeriesDescription') or 'no name'} ({len(slices)})" for slices in whole]
         held = ", ".join(listed[:8]) or "none of " + f"{FEWEST} slices or more"
-        refuse(
-            f"it holds {len(whole)} series of a scan: {held}",
-            "keep all slices of the one that was segmented, in a folder",
-        )
+        problem = f"it holds {len(whole)} series of a scan: {held}"
+        refuse(problem, "keep all slices of the one that was segmented, in a folder")
     return _of_slices(whole[0], refuse) if len(whole[0]) > 1 else _of_frames(whole[0][0][0], refuse)
 
 
@@ -70,20 +70,28 @@ def placed(image: sitk.Image, affine: np.ndarray) -> sitk.Image:
 
 
 def _of_slices(slices: list, refuse: Refuse) -> sitk.Image:
-    grids = {
-        (tuple(np.round([*head.ImageOrientationPatient, *head.PixelSpacing], 4)), int(head.Rows), int(head.Columns))
-        for _, head in slices
-    }
-    if len(grids) > 1:
+    try:
+        grids = {
+            (tuple(np.round([*head.ImageOrientationPatient, *head.PixelSpacing], 4)), int(head.Rows), int(head.Columns))
+            for _, head in slices
+        }
+        places = np.array([head.ImagePositionPatient for _, head in slices], float).reshape(len(slices), 3)
+        least = [
+            0 if head.file_meta.TransferSyntaxUID.is_compressed else head.Rows * head.Columns * head.BitsAllocated // 8
+            for _, head in slices
+        ]
+        ((*cosines, height, width), _, _), *others = grids
+        across, down = np.reshape(cosines, (2, 3))
+        normal = np.cross(across, down)
+        if not min(height, width) > 1e-6 or not 0.99 < np.linalg.norm(normal) < 1.01:
+            raise ValueError(f"axes {cosines}, pixels of {height} x {width} mm")
+    except (AttributeError, TypeError, ValueError) as error:
+        refuse(f"a slice does not say where it lies, or how large it is ({error})", AGAIN)
+    if others:
         refuse(f"its slices lie on {len(grids)} grids", "keep the slices of one volume")
-    (((*cosines, height, width), rows, columns),) = grids
-    for file, head in slices:
-        wanted = rows * columns * int(head.BitsAllocated) // 8 * int(head.get("SamplesPerPixel", 1))
-        if not head.file_meta.TransferSyntaxUID.is_compressed and file.stat().st_size < wanted:
+    for (file, _), size in zip(slices, least, strict=True):
+        if file.stat().st_size < size:
             refuse(f"its slice {file.name!r} is cut off", AGAIN)
-    across, down = np.reshape(cosines, (2, 3))
-    normal = np.cross(across, down)
-    places = np.array([head.ImagePositionPatient for _, head in slices], float)
     order = np.argsort(places @ normal, kind="stable")
     places = places[order]
     steps = np.diff(places, axis=0)

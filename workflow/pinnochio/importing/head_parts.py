@@ -12,6 +12,7 @@ import SimpleITK as sitk
 from scipy import ndimage
 
 from pinnochio.errors import InputError, refusal
+from pinnochio.files import entries
 from pinnochio.geometry.closed_surfaces import surfaces_in
 from pinnochio.importing.images import face, read_volume
 from pinnochio.importing.presets import (
@@ -53,6 +54,7 @@ OPENING, APERTURE, DEPTH = 3.0, 10.0, 28.0  # mm
 LOOSE, COMPARABLE = 0.02, 0.2  # of the largest piece: a skull may be in pieces; a piece that is no crumb [I]
 ISLAND = 25.0  # mm between teeth of one arch, at most: what lies farther off is none [I]
 SMALLEST_HEAD = 0.3  # of the volume of the bones: less soft tissue is no face [I]
+ABOUT = 100.0  # mm round what is labelled that is taken of the scan: skin, and the air before it [I]
 # Which part wins where two claim a voxel.
 RANK = {UPPER_TEETH: 8, LOWER_TEETH: 8, CANAL: 4, SKULL: 4, MANDIBLE: 4, MUSCLE: 2, NOTHING: 1, SOFT: 0.4, HEAD: 0.2}
 RANK |= dict.fromkeys(PIECES.values(), 7.9)  # over bone where half of a voxel is theirs, not over teeth
@@ -109,10 +111,11 @@ def read_head_parts(
     dropped, up to loose_percent of skull or mandible. Raises InputError.
     """
     refuse = refusal(case, path)
-    values, grid, axes, sided, closed_by, cropped = _read_parts(path, preset, orientation, regions, refuse)
+    values, grid, axes, sided, closed_by = _read_parts(path, preset, orientation, regions, refuse)
     scan = read_scan(volume, orientation, case, refuse) if volume else None
-    if scan and cropped:  # to the bones: the skin lies beyond
-        grid, values, _ = _grown(grid, values, np.zeros_like(values), scan, regions, refuse)
+    if scan:  # labels may be cropped to the bones: the skin lies beyond
+        wide = [*regions, _about(values, grid)]
+        grid, values, _ = _grown(grid, values, np.zeros_like(values), scan, wide, partial(refuse, file=volume))
     pieces, values, spacing = values * (values > NOTHING), BONE_OF[values], grid.GetSpacing()[0]
     _tidy_bones(values, spacing, case)
     _drop_loose(values, loose_percent, refuse)
@@ -162,27 +165,24 @@ def _drop_loose(values, limit: float, refuse) -> None:
         loose = (size < (order[0] if name == "mandible" else LOOSE * order[0]))[pieces] & bone
         if 100 * loose.sum() > limit * bone.sum():
             share = 100 * loose.sum() / bone.sum()
-            refuse(
-                f"stray voxels and loose pieces make up {share:.3g} % of the {name} (the limit is {limit:g} %)",
-                "clean it in the segmentation (islands: keep the largest), or raise 'repair.limit'",
-            )
+            problem = f"stray voxels and loose pieces make up {share:.3g} % of the {name} (the limit is {limit:g} %)"
+            refuse(problem, "clean it in the segmentation (islands: keep the largest), or raise 'repair.limit'")
         values[loose] = 0
 
 
 def _read_parts(path, preset: str, orientation: str, regions, refuse):
-    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, whether labels tell left from right, what
-    closes surfaces, and whether files are cropped, each to its structure."""
+    """Parts [ix, iy, iz] on the grid, the grid, the axes of the file, whether labels tell left from right, and what
+    closes surfaces."""
     tool = PRESETS[preset]
     direction = None if orientation == HEADER else axes_of(orientation)
     grid, values, weight, centre = None, None, None, {}
-    axes, boxes, closed_by = "LPS", set(), {}
+    axes, closed_by = "LPS", {}
     for file, image, pieces in _structures(path, tool, refuse, direction):
         if file.is_file():
             face(image, direction, partial(refuse, file=file))
         if grid is None:
             axes = sitk.DICOMOrientImageFilter.GetOrientationFromDirectionCosines(image.GetDirection())
         grid, values, weight = _grown(grid, values, weight, image, regions, refuse)
-        boxes.add((image.GetSize(), image.GetOrigin()))
         for name, segment in pieces:
             closed_by |= {name: segment.closed} if segment.closed else {}
             share = _resampled(_on(image, segment.voxels()), grid)
@@ -207,12 +207,9 @@ def _read_parts(path, preset: str, orientation: str, regions, refuse):
     pairs = [pair for pair in tool.sides if set(pair) <= centre.keys()]
     wrong = [pair for pair in pairs if centre[pair[0]] < centre[pair[1]]]
     if len(wrong) > len(pairs) / 2:
-        refuse(
-            f"left and right are exchanged: {wrong[0][0]!r} lies to the right of {wrong[0][1]!r}",
-            "correct the header, or set 'orientation' to where the voxel axes really point",
-        )
-    cropped = len(boxes) > 1 or str(path).lower().endswith(".dcm")  # a DICOM-SEG leaves out slices without labels
-    return values, grid, axes, bool(pairs), closed_by, cropped
+        problem = f"left and right are exchanged: {wrong[0][0]!r} lies to the right of {wrong[0][1]!r}"
+        refuse(problem, "correct the header, or set 'orientation' to where the voxel axes really point")
+    return values, grid, axes, bool(pairs), closed_by
 
 
 def bone_parts(path: str | os.PathLike, preset: str, refuse) -> Iterator[tuple[sitk.Image, np.ndarray]]:
@@ -232,18 +229,14 @@ def _structures(path, tool: Preset, refuse, direction=None) -> Iterator[tuple[Pa
     path = Path(path)
     files = [path]
     if path.is_dir():
-        files = [
-            file
-            for file in sorted(path.iterdir())
-            if file.name.lower().endswith(IMAGE_FORMATS) and not file.name.startswith(".")
-        ]
+        files = [file for file in entries(path) if file.name.lower().endswith(IMAGE_FORMATS)]
         if surfaces_in(path, refuse) or not files:
             files.append(path)
     sources: dict[str, Path] = {}
     for file in files:
         refuse_file = partial(refuse, file=file)
         stem = file.name.split(".")[0]
-        kinds = [kind for kind in tool.maps if kind in stem]
+        kinds = [kind for kind in tool.maps if kind in stem.lower()]
         if file.is_dir():  # beside a label map there is no more than the surfaces
             image, segments = read_surfaces(file, direction, refuse, len(files) == 1)
             if strange := [segment.name for segment in segments if tool.structure(segment.name) is None]:
@@ -255,13 +248,13 @@ def _structures(path, tool: Preset, refuse, direction=None) -> Iterator[tuple[Pa
         called = _by_name(segments, tool, refuse_file)
         if called:
             pieces = called
-        elif stem in tool.all_parts:
+        elif name := tool.structure(stem):
             if len(segments) > 1:
                 refuse_file(
                     f"it holds {len(segments)} values, and its name is that of one structure",
                     "save a mask of zeros and ones, not a probability",
                 )
-            pieces = [(stem, segments[0])]
+            pieces = [(name, segments[0])]
         elif file.is_file() and (len(kinds) == 1 or len(files) == 1):
             names = tool.maps[kinds[0] if len(kinds) == 1 else next(iter(tool.maps))]
             strange = [str(segment) for segment in segments if segment.value not in names]
@@ -272,6 +265,9 @@ def _structures(path, tool: Preset, refuse, direction=None) -> Iterator[tuple[Pa
                     "values mean in 'labels'",
                 )
             pieces = [(names[segment.value], segment) for segment in segments]
+            if strange := [str(segment) for segment in segments if segment.name and not tool.structure(segment.name)]:
+                said = ", ".join(f"{segment} as {name}" for name, segment in pieces)
+                LOG.warning("%s: the tool knows no %s; taken by value: %s", file, ", ".join(strange), said)
         else:
             listed = ", ".join(kind for kind in tool.maps if kind) or "the one label map"
             refuse_file(
@@ -295,10 +291,8 @@ def _by_name(segments: Sequence[Segment], tool: Preset, refuse) -> list:
     for name, segment in zip(called, segments, strict=False):
         if name and all(values.get(segment.value) != name for values in tool.maps.values()):
             strange = segments[called.index(None)]
-            refuse(
-                f"the value of {segment} is not the tool's for that name, and {strange} bears no name of the tool",
-                "give each segment the tool's name, or the tool's value",
-            )
+            problem = f"the value of {segment} is not the tool's for that name, and {strange} bears no name of the tool"
+            refuse(problem, "give each segment the tool's name, or the tool's value")
     return []
 
 
@@ -321,7 +315,8 @@ def _grown(grid, values, weight, image: sitk.Image, regions, refuse) -> tuple[si
     for start, end in regions:
         low, high = np.maximum(low, start), np.minimum(high, end)
     if regions and (high - low < 10 * edge).any():
-        refuse("hardly anything of it lies in the region of interest", "correct the region (ROI) of the markups")
+        remedy = "correct the region (ROI) of the markups, or the frame of the scan"
+        refuse("hardly anything of it lies in the region of interest", remedy)
     if grid is not None:
         start = np.array(grid.GetOrigin()) - edge / 2
         before = np.maximum(0, np.ceil((start - low) / edge - 1e-3)).astype(int)
@@ -340,6 +335,13 @@ def _grown(grid, values, weight, image: sitk.Image, regions, refuse) -> tuple[si
     grid.SetSpacing([edge] * 3)
     grid.SetOrigin((low + edge / 2).tolist())
     return grid, *made
+
+
+def _about(values, grid) -> tuple[np.ndarray, np.ndarray]:
+    """The box (low, high) mm that is ABOUT wider than what is labelled."""
+    box = ndimage.find_objects((values > 0).astype(np.uint8))[0]
+    ends = np.array([(side.start, side.stop) for side in box]).T * grid.GetSpacing()[0] + grid.GetOrigin()
+    return ends[0] - ABOUT, ends[1] + ABOUT
 
 
 def _resampled(image: sitk.Image, grid: sitk.Image, outside: float = 0.0) -> np.ndarray:
@@ -370,10 +372,8 @@ def _head(values, bone, scan, volume, grid, case: str, refuse) -> tuple[np.ndarr
     labelled, spacing = np.isin(values, (SOFT, HEAD)), grid.GetSpacing()[0]
     if scan is None:
         if not labelled.any():
-            refuse(
-                "the tool labels no soft tissue, and there is no scan to take it from",
-                "put the CT or cone-beam CT beside it (volume.nii.gz; column 'volume' of a table)",
-            )
+            problem = "the tool labels no soft tissue, and there is no scan to take it from"
+            refuse(problem, "put the CT or cone-beam CT beside it (volume.nii.gz; column 'volume' of a table)")
         return labelled | bone | (values == MUSCLE), "labelled"
     grey = _resampled(scan, grid, float(sitk.GetArrayViewFromImage(scan).min()))
     check_belongs(grey, bone, spacing, partial(refuse, file=volume))
@@ -400,17 +400,13 @@ def _with_soft(values, bone, head, spacing: float, case: str, file) -> np.ndarra
         arches &= lower
     oral = between(closed(arches, APERTURE / spacing)) & ~bone
     soft = head & ~bone & ~oral & (values != NOTHING)
-    kept = near_skin(head, soft, spacing, DEPTH, APERTURE, file)
+    kept = near_skin(head, soft, spacing, DEPTH, APERTURE, refusal(case, file))
     muscle = (values == MUSCLE) & kept
     made = np.where(bone, values, 0).astype(np.uint8)
     made[kept] = SOFT
     made[muscle] = MUSCLE
     if kept.sum() < SMALLEST_HEAD * bone.sum():
         tissue, bony = (mask.sum() * spacing**3 / 1000 for mask in (kept, bone))
-        raise InputError(
-            case,
-            file,
-            f"only {tissue:.0f} cm3 of soft tissue lie round {bony:.0f} cm3 of bone",
-            "check the scan and its frame: the skin must be in the field of view",
-        )
+        problem = f"only {tissue:.0f} cm3 of soft tissue lie round {bony:.0f} cm3 of bone"
+        raise InputError(case, file, problem, "check the scan and its frame: the skin must be in the field of view")
     return made

@@ -11,20 +11,19 @@ import re
 import struct
 import tempfile
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
 from scipy.spatial.transform import Rotation
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, Refuse
 from pinnochio.importing.dicom_series import read_series
 from pinnochio.volume_size import IMAGE_FORMATS
 
-Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
 GZIP = b"\x1f\x8b"
 AGAIN = "export it again, or copy it again from where it comes from"
+FRAMELESS = "frameless"  # metadata of an image whose header holds no frame: what it lacks
 TURNED = 1e-2  # cosines by which the two frames of a NIfTI header may differ
 APART = 0.5  # mm; so may their origins
 STRETCHED = 1e-2  # share by which voxel size and frame may differ
@@ -52,12 +51,15 @@ def read_volume(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkU
     if not os.path.exists(path):
         refuse("the file does not exist", "correct its path")
     if os.path.isdir(path) or str(path).lower().endswith(".dcm"):
-        return read_series(path, refuse)
-    if not str(path).lower().endswith(IMAGE_FORMATS):
+        image = read_series(path, refuse)
+    elif str(path).lower().endswith(IMAGE_FORMATS):
+        image = read_image(path, refuse, pixel)
+    else:
         refuse("this is no image format known here", f"save it as one of {', '.join(IMAGE_FORMATS)}")
-    image = read_image(path, refuse, pixel)
     if image.GetDimension() == 4 and image.GetSize()[3] == 1:
-        image = image[..., 0]
+        whole, image = image, image[..., 0]
+        for key in {FRAMELESS}.intersection(whole.GetMetaDataKeys()):
+            image.SetMetaData(key, whole.GetMetaData(key))
     channels = image.GetNumberOfComponentsPerPixel()
     layered = layers and image.HasMetaDataKey("Segment0_ID")
     if image.GetDimension() != 3 or (channels != 1 and not layered) or min(image.GetSize()) < 2:
@@ -69,14 +71,11 @@ def read_volume(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkU
 def face(image: sitk.Image, direction: np.ndarray | None, refuse: Refuse) -> None:
     """Give an image with a wrong header, or with none, these axes (3, 3) in LPS; its origin turns with them.
 
-    None: its header is right; a NIfTI whose header holds no frame is refused, because it may be mirrored.
+    None: its header is right; one that holds no frame is refused, because it may be mirrored.
     """
-    codes = [image.GetMetaData(key) for key in ("qform_code", "sform_code") if image.HasMetaDataKey(key)]
-    if direction is None and codes and not any(float(code) > 0 for code in codes):
-        refuse(
-            "its header holds no frame (qform_code and sform_code are 0): it may be mirrored",
-            "export it with its frame, or set 'orientation' to where its voxel axes point",
-        )
+    if direction is None and image.HasMetaDataKey(FRAMELESS):
+        problem = f"its header holds no frame ({image.GetMetaData(FRAMELESS)}): it may be mirrored"
+        refuse(problem, "export it with its frame, or set 'orientation' to where its voxel axes point")
     if direction is not None:
         stated = np.reshape(image.GetDirection(), (3, 3))
         image.SetOrigin(tuple(direction @ np.linalg.inv(stated) @ image.GetOrigin()))
@@ -88,29 +87,28 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
 
     pixel: the type of SimpleITK that its voxels are turned into.
     """
-    name = str(path).lower()
     if not os.path.isfile(path):
         refuse("it is not there, or is a folder", "correct its path")
-    if name.endswith((".nii", ".nii.gz")):
-        content = Path(path).read_bytes()
-        if content.startswith(GZIP) != name.endswith(".gz"):
-            refuse("its name and its content disagree on whether it is compressed", "name it .nii, or .nii.gz")
+    if not os.path.getsize(path):
+        refuse("it is empty", AGAIN)
+    name, content, framed = str(path).lower(), Path(path).read_bytes(), True
+    if name.endswith((".nii", ".nii.gz")):  # compressed or not, by its content
         content = _unpacked(content, refuse)
-        _check_nifti(content, refuse)
-        return _read_whole(_first_nifti(content), "image.nii", refuse, pixel)
-    if name.endswith(".nhdr"):
-        content = _attached(Path(path), refuse)
-        _check_nrrd(content, refuse)
-        return _read_whole(content, "image.nrrd", refuse, pixel)
-    if name.endswith(".nrrd"):
-        _check_nrrd(Path(path).read_bytes(), refuse)
+        framed = _check_nifti(content, refuse)
+        image = _read_whole(_first_nifti(content), "image.nii", refuse, pixel)
+    elif name.endswith((".nrrd", ".nhdr")):
+        content = _attached(Path(path), refuse) if name.endswith(".nhdr") else content
+        framed = _check_nrrd(content, refuse)
+        image = _read_whole(content, "image.nrrd", refuse, pixel)
     elif name.endswith((".mha", ".mhd")):
-        return _read_whole(_plain_meta(Path(path), refuse), "image.mha", refuse, pixel)
-    elif name.endswith((".gipl", ".gipl.gz")):
-        content = _unpacked(Path(path).read_bytes(), refuse)
+        image = _read_whole(_plain_meta(Path(path), content, refuse), "image.mha", refuse, pixel)
+    else:
+        content = _unpacked(content, refuse)
         _check_gipl(content, refuse)
-        return _read_whole(content, "image.gipl", refuse, pixel)
-    return _read(path, refuse, pixel)
+        image = _read_whole(content, "image.gipl", refuse, pixel)
+    if not framed:
+        image.SetMetaData(FRAMELESS, "qform_code and sform_code are 0" if ".nii" in name else "it names no space")
+    return image
 
 
 def read_stored_image(path: str | os.PathLike) -> sitk.Image:
@@ -119,8 +117,6 @@ def read_stored_image(path: str | os.PathLike) -> sitk.Image:
     def refuse(problem: str, remedy: str):
         raise InputError("-", path, problem, "delete it; the same command makes it again")
 
-    if not Path(path).is_file():
-        refuse("it is not there", AGAIN)
     return read_image(path, refuse)
 
 
@@ -174,8 +170,8 @@ def _check_length(there: int, wanted: int, refuse: Refuse) -> None:
         refuse(f"its header asks for {wanted} bytes of voxels, and {there} are there", AGAIN)
 
 
-def _check_nifti(content: bytes, refuse: Refuse) -> None:
-    """Refuse a header that contradicts itself or the length of the file."""
+def _check_nifti(content: bytes, refuse: Refuse) -> bool:
+    """Whether a header holds a frame; refused where it contradicts itself or the length of the file."""
     first = {order: struct.unpack(order + "i", content[:4])[0] if len(content) > 3 else 0 for order in "<>"}
     order = next((order for order, size in first.items() if size in (348, 540)), None)
     if order is None or len(content) < first[order]:
@@ -226,6 +222,7 @@ def _check_nifti(content: bytes, refuse: Refuse) -> None:
                 or np.abs(rows[:, 3] - quaternion[3:]).max() > APART
             ):
                 refuse("its header holds two frames that differ (qform and sform)", "export it with one frame")
+    return by_quaternion > 0 or by_rows > 0
 
 
 def _first_nifti(content: bytes) -> bytes:
@@ -284,8 +281,8 @@ def _attached(path: Path, refuse: Refuse) -> bytes:
     return head.replace(line[0], b"# attached").rstrip(b"\n") + b"\n\n" + beside.read_bytes()
 
 
-def _check_nrrd(content: bytes, refuse: Refuse) -> None:
-    """Refuse where the voxels of a NRRD file are not as many as it says, or lie in another file."""
+def _check_nrrd(content: bytes, refuse: Refuse) -> bool:
+    """Whether a NRRD file names its space; refused where its voxels are not as many as it says, or elsewhere."""
     end = re.search(rb"\r?\n\r?\n", content)
     if not content.startswith(b"NRRD") or end is None:
         refuse("it is no NRRD file, or its header is cut off", AGAIN)
@@ -312,14 +309,14 @@ def _check_nrrd(content: bytes, refuse: Refuse) -> None:
     elif encoding not in ("raw",):
         refuse(f"its voxels are encoded as {encoding!r}", "save it as raw or gzip")
     _check_length(len(data), wanted, refuse)
+    return "space" in said
 
 
-def _plain_meta(path: Path, refuse: Refuse) -> bytes:
-    """A MetaImage of what is checked of one: ITK ends the process where a word of the header is damaged.
+def _plain_meta(path: Path, content: bytes, refuse: Refuse) -> bytes:
+    """A MetaImage of what is checked of one, its content: ITK ends the process where a word of its header is damaged.
 
     Its voxels must be as many as it says, and lie in the file itself or, of a `.mhd`, in one beside it.
     """
-    content = path.read_bytes()
     marker = re.search(rb"^ElementDataFile *= *(.*?)\r?(\n|\Z)", content, re.MULTILINE)
     if marker is None:
         refuse("it is no MetaImage, or its header is cut off", AGAIN)

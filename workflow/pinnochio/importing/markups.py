@@ -11,7 +11,7 @@ import numpy as np
 
 from pinnochio.errors import InputError, refusal
 from pinnochio.geometry.plane import Plane
-from pinnochio.json_text import numbers, read_json
+from pinnochio.json_text import numbers, read_json, read_text
 
 ENDING, POINTS = ".mrk.json", ".fcsv"
 FRAMES = {"LPS": np.ones(3), "0": np.array([-1.0, -1.0, 1.0]), "RAS": np.array([-1.0, -1.0, 1.0]), "1": np.ones(3)}
@@ -40,7 +40,7 @@ def read_markups(paths: Sequence[str | os.PathLike], case: str) -> Markups:
         refuse = refusal(case, path)
         try:
             older = str(path).lower().endswith(POINTS)
-            content = _of_points(Path(path).read_text(encoding="utf-8-sig")) if older else read_json(path, refuse)
+            content = _of_points(read_text(path, refuse)) if older else read_json(path, refuse)
             for markup in content["markups"]:
                 units = markup.get("coordinateUnits", "mm")
                 if (units[:1] if isinstance(units, list) else [units]) != ["mm"]:

@@ -91,10 +91,8 @@ def osteotomy(head: HeadParts, cuts: Sequence[str], markups: Markups, case: str,
 
     def add(name: str, mask) -> None:
         if mask.sum() * spacing**3 < LEAST * 1000:
-            refuse(
-                f"the cut leaves {mask.sum() * spacing**3 / 1000:.2f} cm3 of {name!r}",
-                "give landmarks or planes as markups, or leave the cut out of 'osteotomy.cuts'",
-            )
+            problem = f"the cut leaves {mask.sum() * spacing**3 / 1000:.2f} cm3 of {name!r}"
+            refuse(problem, "give landmarks or planes as markups, or leave the cut out of 'osteotomy.cuts'")
         bone[mask] = segment_code(len(segments))
         segments.append(name)
 
@@ -151,20 +149,16 @@ def _marked(head: HeadParts, markups: Markups, landmarks, case: str, refuse) -> 
         bone = _points(head, *(UPPER if name in ("ANS", "PNS") else LOWER))
         off = float(np.linalg.norm(bone - place, axis=1).min())
         if not off <= OFF_BONE:
-            refuse(
-                f"{name!r} is marked {off:.0f} mm off the bone that has it",
-                "check its name and the frame (LPS, RAS) and unit (mm) of the markups",
-            )
+            problem = f"{name!r} is marked {off:.0f} mm off the bone that has it"
+            refuse(problem, "check its name and the frame (LPS, RAS) and unit (mm) of the markups")
         away = {other: float(np.linalg.norm(place - at)) for other, (at, _) in landmarks.items()}
         nearest = min(away, key=away.get)
         if away.get(name, 0) > ELSEWHERE and away[nearest] < NEAR_ANOTHER:
             refuse(f"{name!r} is marked where {nearest!r} is", "check which is which")
     for right, left in (("RCo", "LCo"), ("RGo", "LGo")):
         if right in points and left in points and points[right][0] > points[left][0]:
-            refuse(
-                f"{right!r} lies on the left of {left!r}",
-                "exchange their names, or set 'orientation' if the header of the segmentation is mirrored",
-            )
+            problem = f"{right!r} lies on the left of {left!r}"
+            refuse(problem, "exchange their names, or set 'orientation' if the header of the segmentation is mirrored")
     if {"ANS", "PNS"} <= points.keys() and points["ANS"][1] > points["PNS"][1]:
         refuse("'ANS' lies behind 'PNS'", "exchange their names")
     return points
@@ -246,10 +240,8 @@ def _lefort(parts, upper, places, landmarks, plane, spacing, refuse):
         plane = Plane(normal * (roots + ABOVE_ROOTS), normal)
         why = f"{ABOVE_ROOTS:g} mm above the roots of the upper teeth{GUESS}"
     else:
-        refuse(
-            "no upper teeth and neither ANS nor PNS say where the Le Fort I cut lies",
-            "give the points ANS and PNS, or a plane 'lefort1', as markups (.mrk.json)",
-        )
+        problem = "no upper teeth and neither ANS nor PNS say where the Le Fort I cut lies"
+        refuse(problem, "give the points ANS and PNS, or a plane 'lefort1', as markups (.mrk.json)")
     below = upper & (_height(plane, places) < 0)
     if len(index):
         at = _at(index, places)

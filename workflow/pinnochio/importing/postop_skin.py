@@ -1,20 +1,16 @@
 """The post-operative skin in the patient's frame: one reader and one check for the study and the planner."""
 
-import logging
 import os
 from collections.abc import Mapping
 
 import numpy as np
 
-from pinnochio.geometry.triangles import enclosed_volume
 from pinnochio.importing.postop_bones import read_postop_bones
 from pinnochio.importing.registration import Registration, measured, register, upper_face_plane
 from pinnochio.importing.scan_checks import check_scan
 from pinnochio.importing.segment_registration import check_fits, register_cranium
 from pinnochio.importing.segmentation import read_labels, read_postop
 from pinnochio.model.surfaces import BoneSurface, read_surface
-
-LOG = logging.getLogger(__name__)
 
 
 def registered_skin(
@@ -40,10 +36,6 @@ def registered_skin(
     """
     skin_points, skin_faces = read_surface(skin)
     points, faces = read_postop(postop, case, skin_points)
-    # A face is a bowl: seen from its middle, most of it looks away.
-    if enclosed_volume(points - points.mean(axis=0), faces) < 0:
-        LOG.warning("case %r: %s: its triangles look inward; turned round", case, postop)
-        faces = faces[:, ::-1]
     surface = BoneSurface.read(bone)
     plane = upper_face_plane(surface, surface.segments, nasion_above_maxilla)
     by = {"case": case, "file": postop, "limit": limit}

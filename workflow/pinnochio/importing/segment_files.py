@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, Refuse
 from pinnochio.geometry.closed_surfaces import read_closed_surface, surface_files, voxelised
 from pinnochio.importing.dicom_series import placed
 from pinnochio.importing.images import AGAIN, check_places, read_volume
 
 LOG = logging.getLogger(__name__)
 HEAD_EXTENT = (50.0, 600.0)  # mm; the longest side of what is labelled lies between
-Refuse = Callable[..., None]  # refuse(problem, remedy) raises InputError
+UNITS = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4, "micrometres": 1e-3}  # mm
+MOST = 200  # values of a label map: the tools write 150 at most, a scan has hundreds
 SEG_AGAIN = "export the segmentation as one DICOM-SEG file"
 
 
@@ -51,11 +52,17 @@ def read_segments(
             refuse("it holds NaN or infinite voxels", "replace them by 0 (air)")
         if (values != np.rint(values)).any():
             refuse("it holds values that are not whole numbers", "save the label map, not the scan, as integers")
-    if not values.any() and not may_be_empty:
+    listed = () if named else np.unique(values)
+    if len(listed) > MOST:
+        problem = f"it holds {len(listed)} values, from {listed[0]:g} to {listed[-1]:g}: it is no label map"
+        refuse(problem, "save the segmentation itself as a label map, neither the scan nor probabilities")
+    if not (values > 0).any() and not may_be_empty:
         refuse("every voxel is 0", "save the label map with the values that 'labels' names")
     if named:
         return image, _slicer_segments(image, values.reshape(*values.shape[:3], channels), refuse)
-    return image, [Segment(None, value, lambda value=value: values == value) for value in np.unique(values) if value]
+    if len(listed) and listed[0] < 0:
+        LOG.warning("%s: values below 0, as a resampling leaves outside, are air", path)
+    return image, [Segment(None, value, lambda value=value: values == value) for value in listed[listed > 0]]
 
 
 def read_surfaces(folder, direction, refuse: Refuse, head: bool = True) -> tuple[sitk.Image, list[Segment]]:
@@ -80,12 +87,10 @@ def check_extent(extent: float | None, refuse: Refuse) -> None:
     """Refuse a head whose longest side (mm) is none."""
     if extent is None or HEAD_EXTENT[0] <= extent <= HEAD_EXTENT[1]:
         return
-    units = {-3: "metres", -1: "centimetres", -2: "centimetres", 3: "micrometres"}
-    unit = units.get(round(np.log10(extent / 200)), "another unit")
-    refuse(
-        f"the head measures {extent:.4g} mm; the voxel spacing or the coordinates seem to be in {unit}",
-        "write them in millimetres",
-    )
+    likely = [name for name, unit in UNITS.items() if HEAD_EXTENT[0] <= extent * unit <= HEAD_EXTENT[1]]
+    unit = " or ".join(likely) or "another unit"
+    problem = f"the head measures {extent:.4g} mm; the voxel spacing or the coordinates seem to be in {unit}"
+    refuse(problem, "write them in millimetres")
 
 
 def _slicer_segments(image: sitk.Image, layers: np.ndarray, refuse: Refuse) -> list[Segment]:

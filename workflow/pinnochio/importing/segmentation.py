@@ -16,6 +16,7 @@ from pinnochio.errors import InputError, refusal
 from pinnochio.files import replacing
 from pinnochio.geometry.closed_surfaces import read_triangles
 from pinnochio.geometry.rigid import LARGEST_TRANSLATION
+from pinnochio.geometry.triangles import enclosed_volume
 from pinnochio.importing.images import face, read_stored_image
 from pinnochio.importing.scan_checks import check_joined, thinned, without_spikes
 from pinnochio.importing.segment_files import Segment, check_extent, read_segments, read_surfaces
@@ -153,10 +154,8 @@ def _chosen(
         names = {plain_name(name): name for name in wanted}
         for part in matching:
             if (other := names.get(plain_name(part.name or ""), structure)) != structure:
-                refuse(
-                    f"segment {part} bears the name of {other!r}, and 'labels' takes it for {structure!r}",
-                    "correct 'labels', or the name in the file",
-                )
+                problem = f"segment {part} bears the name of {other!r}, and 'labels' takes it for {structure!r}"
+                refuse(problem, "correct 'labels', or the name in the file")
         if len(matching) > 1:
             refuse(
                 f"{len(matching)} segments are called {value!r} ({', '.join(map(str, matching))})",
@@ -228,10 +227,8 @@ def _check_unnamed(
                 name for name, value in label_values.items() if name != "left_out" and value in (part.name, part.value)
             ]
             if listed:
-                refuse(
-                    f"{said}: 'labels' calls them {listed[0]!r}, which is not among 'segments'",
-                    f"add {listed[0]!r} to 'segments', or give the value to one of them",
-                )
+                problem = f"{said}: 'labels' calls them {listed[0]!r}, which is not among 'segments'"
+                refuse(problem, f"add {listed[0]!r} to 'segments', or give the value to one of them")
             refuse(
                 f"{said}, because nothing in 'labels' names them",
                 "name them in 'labels'; what is air on purpose, such as an airway, belongs to 'labels.left_out'",
@@ -269,16 +266,12 @@ def check_plan(plan: Plan, segments: Sequence[str], path: str | os.PathLike) -> 
     listed = ", ".join(segments)
     for name in plan.motions:
         if name not in segments:
-            refuse(
-                f"it moves {name!r}, which the segmentation does not hold ({listed})",
-                f"rename {name!r} in the plan, or label it (one of 'segments' in the configuration)",
-            )
+            problem = f"it moves {name!r}, which the segmentation does not hold ({listed})"
+            refuse(problem, f"rename {name!r} in the plan, or label it (one of 'segments' in the configuration)")
     for name in segments:
         if name not in plan.motions:
-            refuse(
-                f"it says nothing of {name!r}, which the segmentation holds ({listed})",
-                f"give {name!r} its motion; one that stays where it is has the identity",
-            )
+            problem = f"it says nothing of {name!r}, which the segmentation holds ({listed})"
+            refuse(problem, f"give {name!r} its motion; one that stays where it is has the identity")
 
 
 def check_travel(plan: Plan, bone: BoneSurface, segments: Sequence[str], path: str | os.PathLike) -> None:
@@ -292,7 +285,7 @@ def check_travel(plan: Plan, bone: BoneSurface, segments: Sequence[str], path: s
 
 
 def read_postop(path: str | os.PathLike, case: str, skin_points) -> tuple[np.ndarray, np.ndarray]:
-    """Read a post-operative skin (PLY, STL, OBJ, VTP): points (p, 3) mm, faces (f, 3) int32, in its own frame.
+    """Read a skin (PLY, STL, OBJ, VTP): points (p, 3) mm, outward faces (f, 3) int32, in its own frame.
 
     Its size is compared with that of the pre-operative skin_points (k, 3) mm: centimetres and metres are turned into
     millimetres with a warning. Spikes are left out, and a scan of very many triangles is thinned, both with a warning.
@@ -303,6 +296,10 @@ def read_postop(path: str | os.PathLike, case: str, skin_points) -> tuple[np.nda
     points = in_millimetres(points, skin_points, "skin", case, path)
     points, faces = thinned(*without_spikes(points, faces, case, path), case, path)
     check_joined(points, faces, case, path)
+    # A face is a bowl: seen from its middle, most of it looks away.
+    if enclosed_volume(points - points.mean(axis=0), faces) < 0:
+        LOG.warning("case %r: %s: its triangles look inward; turned round", case, path)
+        faces = np.ascontiguousarray(faces[:, ::-1])
     return points, faces
 
 
@@ -318,12 +315,9 @@ def in_millimetres(points, reference, what: str, case: str, path: str | os.PathL
             points, ratio = points * factor, ratio * factor
             break
     if not 0.25 < ratio < 4:
-        raise InputError(
-            case,
-            path,
-            f"the surface is {ratio:.3g} times the size of the patient's {what}",
-            f"give the {what} of this patient in millimetres, centimetres or metres, the whole face and little else",
-        )
+        problem = f"the surface is {ratio:.3g} times the size of the patient's {what}"
+        remedy = f"give this patient's {what} in millimetres, centimetres or metres, the whole face and little else"
+        raise InputError(case, path, problem, remedy)
     return points
 
 

@@ -4,8 +4,6 @@ import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
-from pinnochio.errors import InputError
-
 CLIPPED = (1.0, 99.0)  # percentiles of the grey values that air and tissue are told apart on
 # Padding: of the scan's border, its share at least; of the voxels in front of it, those that are air, at least [I].
 AT_BORDER, BESIDE_AIR = 0.05, 0.2
@@ -59,6 +57,8 @@ def check_belongs(grey, bone, spacing: float, refuse) -> None:
     of the shell about it nearly as much as anywhere else.
     """
     soft = grey[~ndimage.binary_dilation(bone, iterations=2)]
+    if not soft.size or soft.min() == soft.max():
+        refuse("it shows nothing but the labelled bone", "give the scan that was segmented, not its labels")
     level = np.percentile(soft, 90), np.percentile(grey[bone], 75)
     if not level[1] > level[0] or grey[bone].mean() <= grey[~bone].mean():
         problem = "the labelled bone is not brighter than the rest of the scan: they do not belong together"
@@ -154,7 +154,7 @@ def between(bone) -> np.ndarray:
     return right & np.maximum.accumulate(bone[::-1], axis=0)[::-1]
 
 
-def near_skin(head, soft, spacing: float, depth: float, aperture: float, file: object = "CT") -> np.ndarray:
+def near_skin(head, soft, spacing: float, depth: float, aperture: float, refuse) -> np.ndarray:
     """The largest piece of the soft voxels at most `depth` mm from the skin, on ways through soft tissue.
 
     The skin is what a ball of diameter `aperture` mm touches from outside: neither nostril nor mouth. Outside is the
@@ -165,7 +165,7 @@ def near_skin(head, soft, spacing: float, depth: float, aperture: float, file: o
     outside = np.isin(air, borders[borders > 0])
     start = np.argwhere(ndimage.binary_dilation(outside, iterations=2) & soft)
     if not len(start):
-        raise InputError("-", file, "no skin lies in front of outer air", "lower 'skin', or give more of the scan")
+        refuse("no skin lies before outer air", "give a scan of the face with the air before it, in the labels' frame")
     speed = sitk.GetImageFromArray(soft.astype(np.float32))
     reach = depth / spacing
     marched = sitk.FastMarching(speed, start[:, ::-1].tolist(), stoppingValue=reach)
