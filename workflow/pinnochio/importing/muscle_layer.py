@@ -38,10 +38,8 @@ def muscle_layer(
         return labels, SINGLE
     muscle = derive_muscle(labels, spacing, origin, top)
     if not muscle.any():
-        refuse(
-            "no muscle is labelled, and no tissue fits the rule that derives it",
-            "check that bone and skin are labelled as one face, or set 'unlabelled_muscle' to single",
-        )
+        problem = "no muscle is labelled, and no tissue fits the rule that derives it"
+        refuse(problem, "check that bone and skin are labelled as one face, or set 'unlabelled_muscle' to single")
     LOG.warning(
         "case %r: no muscle is labelled; %.0f %% of the soft tissue is taken as muscle by rule",
         case,

@@ -41,10 +41,8 @@ def check_plausible(labels, spacing, segments: tuple[str, ...], case: str, file:
         share = float((around == AIR).mean()) if len(around) else 0.0
         if not share <= IN_THE_AIR:
             name = segment_name(code - CRANIUM - 1, segments)
-            refuse(
-                f"{100 * share:.0f} % of what surrounds {name!r} is air: no tissue holds it",
-                f"label the tissue round {name!r}, or correct where it lies",
-            )
+            problem = f"{100 * share:.0f} % of what surrounds {name!r} is air: no tissue holds it"
+            refuse(problem, f"label the tissue round {name!r}, or correct where it lies")
 
 
 def unlike_people(labels, spacing, segments: Sequence[str]) -> list[tuple[str, float]]:

@@ -122,26 +122,20 @@ def check_scan(
     few = spread(placed, faces, SAMPLES)
     whole = float(np.percentile(closest_points(placed[few], skin_points, skin_faces).distance, 95))
     if not whole > THE_SAME:
-        refuse(
-            f"95 % of it lies within {whole:.3f} mm of the skin before surgery: it is this skin itself",
-            "give the scan that was taken after surgery",
-        )
+        problem = f"95 % of it lies within {whole:.3f} mm of the skin before surgery: it is this skin itself"
+        refuse(problem, "give the scan that was taken after surgery")
     upper = placed[few][placed[few][:, 2] >= plane]
     depth = float(np.linalg.svd(upper - upper.mean(axis=0), compute_uv=False)[2] / np.sqrt(len(upper)))
     if not depth >= DEPTH:
-        refuse(
-            f"its upper face is flat: {depth:.1f} mm deep where a face has more than {DEPTH:g} mm",
-            "give a surface of the face, as a scanner makes it",
-        )
+        problem = f"its upper face is flat: {depth:.1f} mm deep where a face has more than {DEPTH:g} mm"
+        refuse(problem, "give a surface of the face, as a scanner makes it")
     normals = vertex_normals(skin_points, skin_faces)
     front = np.flatnonzero((skin_points[:, 2] >= plane) & (normals[:, 1] < FRONT))
     closest = closest_points(skin_points[front], placed, faces)
     covered = float(((closest.distance < SHOWN) & ~closest.border).mean()) if len(front) else 0.0
     if not covered >= COVERED:
-        refuse(
-            f"it shows {100 * covered:.0f} % of the upper face (at least {100 * COVERED:.0f} % is asked)",
-            "give a scan with forehead and bridge of the nose",
-        )
+        problem = f"it shows {100 * covered:.0f} % of the upper face (at least {100 * COVERED:.0f} % is asked)"
+        refuse(problem, "give a scan with forehead and bridge of the nose")
     off = float(np.median(closest.distance[~closest.border]))
     if not off <= OFF:
         refuse(f"half of the upper face lies {off:.1f} mm or more off it", "give a scan of this face")
@@ -164,7 +158,5 @@ def check_scan(
             "export the scan in its true size, and check the scanner's calibration",
         )
     if not mirrored > MIRROR_BETTER * residual:
-        refuse(
-            f"its mirror image fits the upper face better ({mirrored:.2f} mm) than it does ({residual:.2f} mm)",
-            "export the scan without mirroring",
-        )
+        problem = f"its mirror image fits the upper face better ({mirrored:.2f} mm) than it does ({residual:.2f} mm)"
+        refuse(problem, "export the scan without mirroring")

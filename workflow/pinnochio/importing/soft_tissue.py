@@ -77,10 +77,8 @@ def check_belongs(grey, bone, spacing: float, refuse) -> None:
     shift = near[list(place)] * step * spacing
     if np.linalg.norm(shift) > max(OFF, 1.5 * step * spacing) and near_product[place] > BETTER * near_product[0, 0, 0]:
         off, way = np.linalg.norm(shift), ", ".join(f"{value:+.0f}" for value in shift)
-        refuse(
-            f"the bone that it shows lies {off:.0f} mm from the bone that is labelled ({way} mm in LPS)",
-            "give the scan that was segmented, in its own frame, or put both into one frame",
-        )
+        problem = f"the bone that it shows lies {off:.0f} mm from the bone that is labelled ({way} mm in LPS)"
+        refuse(problem, "give the scan that was segmented, in its own frame, or put both into one frame")
 
 
 def air_threshold(volume, bone) -> float:

@@ -64,7 +64,5 @@ def check_together(segments: Sequence[str], case: str, file: object) -> None:
     for name, parts in ((whole[:1], pieces), ([UNCUT] if cut else [], cut)):
         if name:
             others = ", ".join(part for part in parts if part != name[0])
-            refuse(
-                f"{name[0]!r} is the whole bone, and its pieces {others} are labelled too",
-                "label either the whole bone or its pieces",
-            )
+            problem = f"{name[0]!r} is the whole bone, and its pieces {others} are labelled too"
+            refuse(problem, "label either the whole bone or its pieces")
