@@ -2,6 +2,7 @@
 
 import io
 import logging
+import os
 from types import SimpleNamespace
 
 import pytest
@@ -83,6 +84,22 @@ def test_the_list_of_what_failed_stands_at_the_end_with_reasons(logger, tmp_path
     assert [line for line in logger.said().splitlines() if "Failed" in line] == [f"Failed (1 of 1): {reason}"]
 
 
+def test_of_a_group_what_wrote_last_has_failed_and_what_was_killed_is_named_by_its_log(logger, tmp_path):
+    first, second = logs = tmp_path / "first.log", tmp_path / "P7.log"
+    first.write_text("2026-01-01 10:00:00,000 INFO root: done\n")
+    os.utime(first, (1, 1))
+    second.touch()
+    console = quieten(logger.logger, lambda: True)
+    for number, log in enumerate(logs):
+        logger.handle(record(event="job_info", jobid=number, rule_name="mesh", output=["a"], log=[str(log)]))
+    logger.handle(record(logging.ERROR, event="group_error", job_error_info=[{"jobid": 0}, {"jobid": 1}]))
+    for number in (0, 1):
+        logger.handle(record(logging.ERROR, event="job_error", jobid=number, indent=True))
+    console.summary()
+    (said,) = [line for line in logger.said().splitlines() if "Failed" in line]
+    assert "killed for its memory" in said and said.endswith("P7.log") and not console.running
+
+
 def test_what_stages_warned_of_is_shown_once_at_the_end(logger, tmp_path):
     line = "2026-01-01 10:00:00,000 {} {}: case 'P1': no muscle\n"
     log = tmp_path / "a.log"
@@ -130,10 +147,7 @@ def test_a_report_does_not_begin_a_study(target):
         refuse([target], {"predict_cases": 2, "train": 4})
 
 
-@pytest.mark.parametrize("targets", [["all", "report"], ["tables"], ["results/cases/V01/model.h5"], []])
-def test_what_is_wished_is_begun(targets):
-    refuse(targets, {"predict_cases": 1000})
-
-
-def test_what_is_measured_is_drawn():
+def test_what_is_wished_is_begun_and_what_is_measured_is_drawn():
+    for targets in [["all", "report"], ["tables"], ["results/cases/V01/model.h5"], []]:
+        refuse(targets, {"predict_cases": 1000})
     refuse(["report"], {"render_case": 10})

@@ -5,6 +5,7 @@ Everything that Snakemake says goes to its own log in `.snakemake/log` as ever.
 
 import logging
 import os
+import re
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from pinnochio.logs import last_line, warnings_in
 
 EVERY = 20.0  # s between two lines where the console keeps every line
 MOST = 20  # warnings of stages that are shown at the end
+REASON = re.compile(r"[\w.]*(Error|Exception|Interrupt)\b")  # so ends the log of a stage that says why it failed
 KNOWN = 0.1  # of the jobs, which tell how long the others may take
 
 
@@ -40,7 +42,8 @@ class Console(logging.Handler):
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Takes what concerns jobs."""
-        return getattr(record, "event", None) in ("run_info", "job_info", "job_finished", "job_error") and self.runs()
+        events = ("run_info", "job_info", "job_finished", "job_error", "group_error")
+        return getattr(record, "event", None) in events and self.runs()
 
     def emit(self, record: logging.LogRecord) -> None:
         now = time.monotonic()
@@ -53,16 +56,35 @@ class Console(logging.Handler):
                 self.clear()
                 self.stream.write(f"{record.rule_msg or record.rule_name}\n")
                 self.said = now  # it is the last line, or nearly so
+        elif record.event == "group_error":  # of its jobs the one that wrote last has failed; all follow as single ones
+            numbers = {info["jobid"] for info in record.job_error_info}
+            last = max(numbers, key=self.last_written)
+            self.failed = {number: words for number, words in self.failed.items() if number not in numbers}
+            self.fail(last)
+            for number in numbers - {last}:
+                self.running.pop(number, None)
         elif record.event == "job_error":
-            number = getattr(record, "jobid", 0)
-            rule, logs = self.running.pop(number, ("a job", []))
-            self.failed[number] = f"{rule}: {next(filter(None, map(last_line, logs)), 'it left no log')}"
+            if not getattr(record, "indent", False):
+                self.fail(getattr(record, "jobid", 0))
         elif record.job_id in self.running:
             self.done += 1
             self.failed.pop(record.job_id, None)
             for log in self.running.pop(record.job_id)[1]:
                 self.warnings = list(dict.fromkeys([*self.warnings, *warnings_in(log)]))
         self.show(now)
+
+    def fail(self, number: int) -> None:
+        """Keep why a job has failed: the error that its log ends with, or that there is none."""
+        rule, logs = self.running.pop(number, ("a job", []))
+        words = next(filter(None, map(last_line, logs)), "")
+        if not REASON.match(words):
+            words = f"its log ends without an error, as where it was killed for its memory: {', '.join(logs) or 'none'}"
+        self.failed[number] = f"{rule}: {words}"
+
+    def last_written(self, number: int) -> float:
+        """When the newest of the job's logs was written; 0 where there is none."""
+        logs = self.running.get(number, ("", []))[1]
+        return max((os.path.getmtime(log) for log in logs if os.path.exists(log)), default=0.0)
 
     def line(self, now: float) -> str:
         """The line that says how far the run is and, once some jobs have told, how long the others may take."""
