@@ -4,6 +4,8 @@ import re
 from base64 import urlsafe_b64encode
 from pathlib import Path
 
+import pytest
+
 from tests.helpers.study import Project, jobs, write_cohort
 from workflow.withdraw import withdraw
 
@@ -12,9 +14,9 @@ STUDY = ("--config", "cohort=cases.tsv", "methods=[no_change, pinnochio]", "abla
 NAMES = [f"P{number}" for number in range(1, 13)]
 
 
-def finished(project: Project) -> Project:
-    """A study of twelve patients that counts as finished: empty files will do."""
-    write_cohort(project, NAMES, [])
+def finished(project: Project, names: list[str]) -> Project:
+    """A study of these patients that counts as finished: empty files will do."""
+    write_cohort(project, names, [])
     said = project.forked("--summary", "--cores", "1", *STUDY).stdout
     for name in re.findall(r"^(results/\S+)\t", said, re.M):
         file = project.folder / name / (".snakemake_timestamp" if "/held_out/" in name else "")
@@ -32,19 +34,21 @@ def planned(project: Project) -> str:
     return done.stdout
 
 
-def test_patients_that_are_added_are_made_alone_with_what_is_of_all(project):
-    finished(project)
-    write_cohort(project, [*NAMES, "P13", "P14"], [])
+@pytest.mark.parametrize(("patients", "added"), [(12, 2), pytest.param(200, 20, marks=pytest.mark.full)])
+def test_patients_that_are_added_are_made_alone_with_what_is_of_all(project, patients, added):
+    names = [f"P{number}" for number in range(1, patients + added + 1)]
+    finished(project, names[:patients])
+    write_cohort(project, names, [])
     said = planned(project)
     counted = jobs(said)
-    assert {rule: counted[rule] for rule in OF_A_PATIENT} == dict.fromkeys(OF_A_PATIENT, 2)
+    assert {rule: counted[rule] for rule in OF_A_PATIENT} == dict.fromkeys(OF_A_PATIENT, added)
     assert counted["check_cohort"] == 1 and counted["finetune"] == 3
     others = {"check_cohort", "gather", "pretrain", "finetune", "predict_cases", "tabulate"}
     assert set(counted) <= {*OF_A_PATIENT, *others} | {"provenance", "all"}
 
 
 def test_a_patient_that_withdraws_leaves_nothing_and_the_others_are_not_made_again(project, monkeypatch):
-    folder = finished(project).folder
+    folder = finished(project, NAMES).folder
     (folder / "results/logs/predict").mkdir(parents=True, exist_ok=True)
     (folder / "results/logs/predict/1_no_change.log").write_text("P1: 0.1 s\n")
     (folder / "results/logs/predict/2_no_change.log").write_text("P11: 0.1 s\n")
