@@ -47,7 +47,8 @@ def project(tmp_path_factory) -> Project:
         rows.append("\t".join([f"C{number}", *parts, parts[-1]]))
         files += [project.folder / part for part in parts]
     files += [project.folder / f"elsewhere/V{number:02d}.npz" for number in range(1, PATIENTS + 1)]
-    files += [project.folder / f"results/reference/SHA256SUMS.{role}" for role in ("development", "locked")]
+    frozen = ("SHA256SUMS.development", "SHA256SUMS.locked", "scaling_patients.csv")
+    files += [project.folder / "results/reference" / name for name in frozen]
     labels = [project.folder.parent / "shared/data/artisynth_face/labels_1mm.nii.gz"]
     for file in [*files, *labels]:
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -143,6 +143,13 @@ def test_docs_hold_the_tables_of_the_cohort(name):
     assert table in (ROOT / "docs/lab/cohort.md").read_text(encoding="utf-8")
 
 
+def test_the_page_of_a_registry_holds_what_was_measured():
+    text = (ROOT / "docs/how-to/registry.md").read_text(encoding="utf-8")
+    for row in pd.read_csv(REFERENCE / "scaling_patients.csv").dropna().itertuples():
+        planning = f"{row.planning:.1f}, {row.planning_memory:.0f} | {row.training_memory:,.0f}"
+        assert f"| {row.patients:,} | {row.jobs:,.0f} | {planning} |" in text
+
+
 def anchors(page: Path) -> set[str]:
     """What GitHub calls the headings of a page."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.M)

@@ -22,3 +22,26 @@ rule scaling:
         recorded("scaling"),
     message:
         "What a finer mesh costs is measured"
+
+
+# Measured by hand: dry runs on made case tables, and trainings (docs/lab/scaling.md).
+rule draw_registry:
+    input:
+        table="results/reference/scaling_patients.csv",
+    output:
+        picture="<results>/figures/registry.png",
+        drawing="<results>/figures/registry.svg",
+    log:
+        "<logs>/draw_registry.log",
+    conda:
+        "../../../envs/pinnochio.yaml"
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        module="studies.scaling.figure",
+        code=code_of("scripts.tables.render_table", "studies.scaling.figure"),
+    message:
+        "Draw what a registry costs"
+    script:
+        "../../../scripts/tables/render_table.py"
