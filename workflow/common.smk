@@ -197,5 +197,14 @@ onsuccess:
     finish()
 
 
+def redo_failed():
+    """Of a job that fails Snakemake puts older outputs back and records that it made them: they are marked as incomplete,
+    so that the same command makes them again."""
+    for job in workflow.scheduler.failed:
+        for one in job if job.is_group() else [job]:
+            workflow.persistence.started(one)
+
+
 onerror:
+    redo_failed()
     finish()

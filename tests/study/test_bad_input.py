@@ -69,3 +69,13 @@ def test_a_case_without_muscle_goes_in_by_rule(project):
     assert done.returncode == 0, done.stdout[-3000:]
     said = json.loads((project.folder / "results/cases/P1/import.json").read_text())
     assert said["muscle"] == "derived" and said["volume_cm3"]["muscle"] > 10
+
+
+def test_what_was_good_and_is_no_longer_is_refused_each_time(project):
+    """Snakemake puts the older outputs back: they do not count as made of what was refused."""
+    row, target = write_case(project.folder), "results/cases/P1/plan.json"
+    assert run(project, [row], target=target).returncode == 0
+    (project.folder / "P1.json").write_text(json.dumps({"segments": moving("chin")}))
+    for _ in range(2):
+        done = run(project, [row], target=target)
+        assert done.returncode != 0 and "chin" in done.stdout, done.stdout[-2000:]
