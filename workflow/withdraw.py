@@ -7,6 +7,7 @@ the others nothing is made again before these. A virtual patient has no row: vir
 """
 
 import argparse
+import csv
 import os
 import re
 import shutil
@@ -51,7 +52,7 @@ def withdraw(case: str, results: Path, table: Path | None, snakemake: Path = Pat
     if table:
         text = table.read_text(encoding="utf-8-sig")
         rows, sign = text.splitlines(keepends=True), separator(text)
-        cells = [[cell.strip() for cell in row.split(sign)] for row in rows]
+        cells = [[cell.strip() for cell in next(csv.reader([row], delimiter=sign), [])] for row in rows]
         column = next(row.index("case") for row in cells if "case" in row)
         with replacing(table) as temporary:
             kept = (row for row, parts in zip(rows, cells, strict=True) if parts[column : column + 1] != [case])
