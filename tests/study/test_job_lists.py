@@ -155,7 +155,7 @@ def test_the_tradeoff_judges_the_first_folds_patients_by_the_networks_of_their_f
     judged = {path.split("/")[1] for path in jobs if path.startswith("tradeoff/")}
     assert len(judged) == patients and judged <= set(SCANNED)
     for fold in folds:
-        for name in ("pinnochio", "pinnochio_plus", "pinnochio_narrow", "design_wide", "acmt_pretrained"):
+        for name in ("pinnochio", "pinnochio_plus", "acmt_pretrained"):
             assert f"folds/{fold}/{name}/network.pt" in networks
         held_out = judged & cases_read(jobs[f"folds/{fold}/no_change/predictions.h5"], "model.h5")
         for case in held_out:

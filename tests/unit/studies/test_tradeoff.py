@@ -3,7 +3,6 @@ import pandas as pd
 import pytest
 
 from pinnochio.columns import check, write_csv
-from pinnochio.errors import InputError
 from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.methods.registry import graph_networks, registry
 from pinnochio.metrics.judged import choose
@@ -114,9 +113,9 @@ def test_a_reference_that_is_none_is_known_from_its_file(tmp_path):
     assert all(np.isnan(row[name]) for name in ("face_error", "face_error_max", "volume_error"))
 
 
-def traded(**changes) -> Tradeoff:
+def traded() -> Tradeoff:
     """The trade-off of six patients of the default study."""
-    study = Study.of(CONFIG | {"tradeoff": CONFIG["tradeoff"] | changes})
+    study = Study.of(CONFIG)
     judged = [case for fold in study.folds.held_out for case in study.folds.judged(fold)]
     variants = graph_networks(CONFIG)
     return Tradeoff(
@@ -125,8 +124,8 @@ def traded(**changes) -> Tradeoff:
 
 
 def test_what_is_not_varied_is_judged_as_it_is_and_no_bound_but_the_noise_of_the_scan_is():
-    made = traded(further=["pinnochio_narrow"])
-    assert made.networks == ["pinnochio", "pinnochio_plus", "pinnochio_narrow"] and len(made.cases) == 6
+    made = traded()
+    assert made.networks == ["pinnochio", "pinnochio_plus"] and len(made.cases) == 6
     assert made.fixed[-1] == "floor_scan" and "oracle" not in made.fixed
     assert not {*VARIED, *made.networks} & {*made.fixed} and {"no_change", "acmt_pretrained", "fem_rlse"} <= {
         *made.fixed
@@ -134,11 +133,6 @@ def test_what_is_not_varied_is_judged_as_it_is_and_no_bound_but_the_noise_of_the
     assert {setting.method for setting in made.fem_settings} == {*VARIED, "fem_lips"}
     assert made.lifts == [("elastic", nodes) for nodes in (1500, 3000, 5000, 10000, 20000)]
     assert len(made.rows(None)["rows"]) == 18
-
-
-def test_an_unknown_network_is_refused_where_the_tradeoff_is_made():
-    with pytest.raises(InputError, match="tradeoff.further names 'design_other'"):
-        traded(further=["design_other"]).rows(None)
 
 
 def test_the_settings_vary_one_parameter_at_a_time():
@@ -155,19 +149,15 @@ def test_the_settings_vary_one_parameter_at_a_time():
     newton = [s for s in settings if s.method == "fem_sliding" and s.parameter == "solver"]
     assert [s.value for s in newton] == ["Newton's method", "Newton's method, 4 increments"]
     assert not any(s.fem["kept_factors"] for s in newton)
-    variants = {
-        "a": {"newton_corrections": 1, "network": {"channels": 64}},
-        "b": {"newton_corrections": 1, "network": {"channels": 32}},
-    }
-    network = {"networks": ["a"], "further": ["b"], "corrections": [0, 2], "nodes": [500, 1000, 9000]}
+    variants = {"a": {"newton_corrections": 1, "network": {"channels": 64}}}
+    network = {"networks": ["a"], "corrections": [0, 2], "nodes": [500, 1000, 9000]}
     settings = network_settings(1000, network | {"largest_network": 1000}, variants)
-    assert [(s.parameter, s.value) for s in settings if s.method == "a"] == [
+    assert [(s.parameter, s.value) for s in settings] == [
         ("corrections", "0"),
         ("corrections", "1, as in the study"),
         ("corrections", "2"),
         ("nodes", "500"),
     ]
-    assert [(s.parameter, s.value) for s in settings if s.method == "b"] == [("network", "channels 32")]
 
 
 def test_judging_the_reference_itself_finds_no_error():

@@ -35,9 +35,8 @@ class Tradeoff:
 
     @cached_property
     def networks(self) -> list[str]:
-        """Those that are varied, and the further ones that are known."""
-        further = [name for name in self.section["further"] if name in self.variants]
-        return [*self.section["networks"], *further] if self.cases else []
+        """Those that are varied."""
+        return self.section["networks"] if self.cases else []
 
     @cached_property
     def fixed(self) -> list[str]:
@@ -64,9 +63,7 @@ class Tradeoff:
     @cached_property
     def network_settings(self) -> list[Setting]:
         """Networks along their parameters."""
-        further = [name for name in self.networks if name not in self.section["networks"]]
-        section = {**self.section, "further": further}
-        return network_settings(self.config["mesh"]["nodes"], section, self.variants) if self.cases else []
+        return network_settings(self.config["mesh"]["nodes"], self.section, self.variants) if self.cases else []
 
     @cached_property
     def lifts(self) -> list[tuple[str, int]]:
@@ -75,10 +72,7 @@ class Tradeoff:
         return sorted(pair for pair in kinds if pair[0] != "none")
 
     def rows(self, wildcards) -> dict[str, list[str]]:
-        """The files of measured rows; InputError where there are too few patients or a network is unknown."""
-        if unknown := [name for name in self.section["further"] if name not in self.variants]:
-            problem = f"tradeoff.further names {unknown[0]!r}, which is no variant and no design_ switch"
-            raise InputError("-", "configuration", problem, "correct its name")
+        """The files of measured rows; InputError where there are too few patients."""
         if len(self.cases) < 2:
             raise InputError(
                 "-",

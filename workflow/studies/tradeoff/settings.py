@@ -3,8 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from pinnochio.overlays import changes
-
 BASE = "as in the study"  # ends the value of a setting that changes nothing
 # What is varied of each method by finite elements.
 VARIED = {
@@ -61,9 +59,8 @@ def fem_settings(
 
 
 def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping]) -> list[Setting]:
-    """Networks along their parameters: those of `networks` by mesh and corrections, those of `further`
-    (other widths, depths, lifts) as they are. variants: settings by method, see methods.registry.graph_networks.
-    """
+    """Networks along their parameters, mesh and corrections; variants: settings by method, see
+    methods.registry.graph_networks."""
     settings = []
     for method in config["networks"]:
         usual = variants[method]["newton_corrections"]
@@ -75,20 +72,7 @@ def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping
             for size in config["nodes"]
             if size != nodes and size <= config["largest_network"]
         ]
-    for method in config["further"]:
-        base = nearest(variants[method], {name: variants[name] for name in config["networks"]})
-        differences = " and ".join(
-            change.removeprefix("network.") for change in changes(variants[base], variants[method])
-        )
-        settings.append(
-            Setting(method, "network", differences, nodes, corrections=variants[method]["newton_corrections"])
-        )
     return settings
-
-
-def nearest(settings: Mapping, bases: Mapping[str, Mapping]) -> str:
-    """The base from which the settings differ in the fewest keys."""
-    return min(bases, key=lambda name: len(changes(bases[name], settings)))
 
 
 def as_in_the_study(method: str, nodes: int) -> Setting:
