@@ -177,6 +177,8 @@ USUAL = {"min_jacobian": [0.3, 0.5, 0.9], "eqres_rel": [0.015, 0.05, 0.14], "sli
         ({"edge_percent": 16.0}, "Edge of the scan", CARE),
         ({"off_mesh_p95_mm": 1.1}, "Detail of the skin", CARE),
         ({"lips_cross_mm": 1.8}, "Lips that cross", CARE),
+        ({"lips_left_mm": 2.1}, "Lips apart", CARE),
+        ({"lips_left_mm": 9.0, "lips_before_mm": 2.1}, None, USABLE),
         ({"inverted": 1}, "Elements turned inside out", NOT_USABLE),
         ({"min_jacobian": None}, "Smallest volume ratio (min J)", NOT_USABLE),
     ],

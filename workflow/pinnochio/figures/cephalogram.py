@@ -7,11 +7,11 @@ from PIL import Image, ImageDraw
 from scipy import ndimage
 
 from pinnochio.figures.profile import MidlineProfile
+from pinnochio.mechanics.held_lips import CROSSED, OPEN, held_lips
 from pinnochio.model.bone_landmarks import bone_landmarks
 from pinnochio.model.carried import CarriedLandmarks
 from pinnochio.model.measures import LANDMARKS
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.touching_lips import CROSSED, touching_lips
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import known_role
 
@@ -54,7 +54,8 @@ class Cephalogram:
     def svg(self, plan: Plan, displacement: np.ndarray) -> str:
         """The tracing under a plan and a displacement (n, 3) mm of the mesh, in mm: forward to the right."""
         patient, rest = self._patient, Plan(plan.case, {})
-        displacement, crossed = touching_lips(patient, displacement)
+        lips = held_lips(patient, displacement, closing=0.0)  # at rest, as the measures are
+        displacement = lips.displacement
         left, top, right, bottom = self._window
         parts = [_path(line, BEFORE, width, FILLED) for _, line, width in self._outlines]
         parts += [_path(line, BEFORE, width) for _, line, width in self._outlines]
@@ -79,7 +80,8 @@ class Cephalogram:
             seen = {name: title for name, title in SKIN_MARKS.items() if np.isfinite(skin[name]).all()}
             marks += [_mark(skin[name], colours[1], title if one is rest else "", True) for name, title in seen.items()]
         parts += marks[::-1]
-        said = f"lips cross by {crossed:.1f} mm; drawn in contact" if crossed >= CROSSED else ""
+        said = f"lips cross by {lips.crossed:.1f} mm; drawn in contact" if lips.crossed >= CROSSED else ""
+        said = said or ("lips at rest, not closed" if lips.parted > OPEN else "")
         parts.append(f'<text x="{left + 3:.1f}" y="{top + 11:.1f}" fill="#b26a00">{said}</text>')
         legend = {"before": BEFORE, "bones after the plan": PLANNED, "skin predicted": PREDICTED}
         words = "".join(f'<tspan fill="{colour}">{title}</tspan>   ' for title, colour in legend.items())

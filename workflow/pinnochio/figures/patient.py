@@ -8,9 +8,9 @@ import pyvista as pv
 
 from pinnochio.files import replacing
 from pinnochio.mechanics.elements.tetrahedra import jacobians
+from pinnochio.mechanics.held_lips import shown_skin
 from pinnochio.methods.names import written
 from pinnochio.model.patient import FIXED, MOVING, SLIDING, PatientModel
-from pinnochio.model.touching_lips import shown_skin
 from pinnochio.plans.plan import Plan
 
 SKIN, BONE, UNKNOWN = "#e8beac", "#efe9d9", "#cccccc"
@@ -27,9 +27,9 @@ BAR |= {"fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "wi
 FARTHEST = 4.0  # mm, where the scale of signed distances ends
 
 
-def skin_of(patient: PatientModel, displacement: np.ndarray) -> pv.PolyData:
-    """The outer skin moved by a displacement (n, 3) mm, lips that cross in contact, with smooth normals."""
-    return surface_of(shown_skin(patient, displacement), patient.skin_faces)
+def skin_of(patient: PatientModel, displacement: np.ndarray, closing: float = 0.0) -> pv.PolyData:
+    """The outer skin moved by a displacement (n, 3) mm, lips in contact and closed as in :func:`shown_skin`."""
+    return surface_of(shown_skin(patient, displacement, closing), patient.skin_faces)
 
 
 def surface_of(points: np.ndarray, faces: np.ndarray) -> pv.PolyData:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pinnochio.mechanics.held_lips import CLOSING, CROSSED, OPEN, SEALED, held_lips
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.model_quality import DETAIL, off_mesh
 from pinnochio.metrics.validity import (
@@ -19,7 +20,6 @@ from pinnochio.metrics.validity import (
 )
 from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.touching_lips import CROSSED, touching_lips
 from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import GUESS
@@ -56,6 +56,7 @@ ADVICE = {
     "Farthest from linear elasticity": "Look at that place before believing it",
     "Edge of the scan": "Take a scan that shows more about the face",
     "Lips that cross": "Read nothing off the lips; they are shown in contact",
+    "Lips apart": "Expect lips that do not close without strain; plan bones that part them less",
     "Detail of the skin": "For nose and lips take finite elements on a mesh of 20,000 nodes: about 2 s a plan",
     **dict.fromkeys(("Bone segments", "Muscle layer", "Anatomy", "Plan"), UNLIKE),
 }  # fmt: skip
@@ -87,6 +88,7 @@ def measures(
     forces (n, 3) mN: the load that the field declares.
     """
     moved = np.linalg.norm(patient.moved_skin(displacement) - patient.skin_points, axis=1)[patient.judged_points]
+    lips = held_lips(patient, displacement)
     return {
         "nodes": len(patient.points),
         "elements": len(patient.cells),
@@ -97,7 +99,8 @@ def measures(
         "off_bone_mm": off_bone(patient, plan, displacement).max(initial=0.0),
         **beside_edge(patient, moved),
         **off_mesh(patient),
-        "lips_cross_mm": touching_lips(patient, displacement)[1],
+        "lips_cross_mm": lips.crossed,
+        **{f"lips_{name}_mm": getattr(lips, name) for name in ("before", "parted", "left")},
         "skin_mean_mm": moved.mean(),
         "skin_max_mm": moved.max(),
     }
@@ -333,8 +336,21 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Finding]:
             f"Beyond what they did before. From {CROSSED:g} mm on the field is wrong there; they are shown in contact.",
             known["lips_cross_mm"] < CROSSED,
         ),
+        *([_lips_row(of)] if "lips_left_mm" in of else []),
         _detail_row(of),
     ]
+
+
+def _lips_row(of: Mapping) -> Finding:
+    """How far the lips' edges lie apart, and why."""
+    before, left = of["lips_before_mm"], of["lips_left_mm"]
+    why = f"Closed before surgery, so shown closed, by {CLOSING:g} mm at most. The interlabial gap is of lips at rest."
+    if before > SEALED:
+        why = f"They were {before:.1f} mm apart before surgery, and are not closed."
+    elif left > OPEN:
+        why = f"Closed before surgery; the plan parts them by more than the {CLOSING:g} mm that they are shown closed."
+    value = f"{left:.1f} mm as shown, {of['lips_parted_mm']:.1f} at rest, at most"
+    return Finding("Lips apart", value, why, None if before > SEALED else left <= OPEN)
 
 
 def _apart_row(of: Mapping) -> Finding:

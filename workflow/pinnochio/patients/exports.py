@@ -15,8 +15,8 @@ from vtkmodules.vtkIOPLY import vtkPLYWriter
 
 from pinnochio.files import replacing
 from pinnochio.mechanics.elements.tetrahedra import jacobians
+from pinnochio.mechanics.held_lips import CLOSING, shown_skin
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.touching_lips import shown_skin
 
 SPACE = "SPACE=LPS"
 ABOUT = "soft-tissue prediction, research only, mm"
@@ -39,8 +39,8 @@ def write_skin(
     ply: str | os.PathLike,
     stl: str | os.PathLike,
 ) -> None:
-    """Write the predicted skin: as VTP with displacement (s, 3) and half_width (s,) mm per point, as PLY and as STL."""
-    moved = shown_skin(patient, displacement)
+    """Write the predicted skin, its lips held, as VTP, PLY and STL; VTP has displacement (s, 3), half_width (s,) mm."""
+    moved = shown_skin(patient, displacement, CLOSING)
     skin = pv.PolyData.from_regular_faces(moved, patient.skin_faces)
     skin.point_data["half_width"] = half_width
     _save(skin, moved - patient.skin_points, vtp)

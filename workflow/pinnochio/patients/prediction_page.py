@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from pinnochio import web_pages
 from pinnochio.figures.patient import BAR, FRONT, OBLIQUE, REST, SIDE, add_bone, add_face, add_values, finish, skin_of
+from pinnochio.mechanics.held_lips import CLOSING
 from pinnochio.methods.names import spoken
 from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
@@ -50,7 +51,7 @@ def write_page(
     level = f"{100 * certificate['interval']['level']:g} %" if certificate["interval"] else ""
     words = f"Half-width of the {level} interval: {level} of a region's points should lie this near to the outcome. "
     shown = {
-        "faces": ("Before and after", "Above: before. Below: predicted."),
+        "faces": ("Before and after", "Above: before. Below: predicted, lips closed as before where muscle can."),
         "bones": ("Bones", "The bones after the plan, each segment in its colour."),
         "displacement": ("Displacement", "How far each point of the skin moves."),
         "interval": (f"{level} interval", words + "Grey: not judged."),
@@ -91,7 +92,7 @@ def draw_bones(patient: PatientModel, plan: Plan) -> dict[str, str]:
 
 def draw_faces(patient: PatientModel, plan: Plan, result: Interval) -> dict[str, str]:
     """Such pictures of a result, with its interval where it has one."""
-    before, after = (skin_of(patient, share * result.displacement) for share in (0, 1))
+    before, after = (skin_of(patient, share * result.displacement, CLOSING) for share in (0, 1))
     rows = {
         "before, ": lambda plotter, _: add_face(plotter, before, patient, REST),
         "after, ": lambda plotter, _: add_face(plotter, after, patient, plan),

@@ -14,9 +14,9 @@ from plotly.offline import get_plotlyjs
 
 from pinnochio.figures.patient import SKIN
 from pinnochio.files import replacing
+from pinnochio.mechanics.held_lips import CLOSING, shown_skin
 from pinnochio.methods.names import written as method_name
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.touching_lips import shown_skin
 from pinnochio.patients.certificate import RESEARCH
 from pinnochio.patients.face_measures import written
 from pinnochio.patients.prediction_page import motions_in_words
@@ -55,7 +55,7 @@ def write_plans(
     """Write the page; level: of the interval, None without one."""
     colours = [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 1, SHADES))]
     used, faces = np.unique(patient.skin_faces, return_inverse=True)
-    moved = [(shown_skin(patient, shown.displacement) - patient.skin_points)[used] for shown in plans]
+    moved = [(shown_skin(patient, shown.displacement, CLOSING) - patient.skin_points)[used] for shown in plans]
     view = {
         "points": _encode(patient.skin_points[used], "<f4"),
         "faces": _encode(faces.reshape(patient.skin_faces.shape), "<i4"),

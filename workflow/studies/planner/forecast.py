@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pinnochio.json_text import read_stored_json
+from pinnochio.mechanics.held_lips import SEALED, held_lips
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
@@ -18,7 +19,6 @@ from pinnochio.methods.sources import PatientSources
 from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
-from pinnochio.model.touching_lips import touching_lips
 from pinnochio.patients.certificate import PARTS, in_distribution, of_import
 from pinnochio.patients.in_distribution import Ranges, beyond, widening
 from pinnochio.patients.model_archive import RANGES, Archive, calibration_file, network_file
@@ -35,9 +35,9 @@ class Forecast:
     most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look; repaired,
     damping: most elements that the inversion repair solved again, and its smallest factor on a whole field, 1 for none;
     off_bone: how far tissue that slides has come from its bone or gone into it, at most, mm, 0 of a first look;
-    crossed: how far the lips would cross, mm; beyond: how far patient or plan lies beyond the training, in widths of
-    its range; out_of_distribution: what of patient and plan is (segments, muscle, anatomy, plan); seconds: since the
-    beginning.
+    crossed, apart: how far lips would cross, and stay apart that were closed before surgery, mm; beyond: how far
+    patient or plan lies beyond the training, in widths of its range; out_of_distribution: what of patient and plan is
+    (segments, muscle, anatomy, plan); seconds: since the beginning.
     """
 
     plan: Plan
@@ -50,6 +50,7 @@ class Forecast:
     damping: float
     off_bone: float
     crossed: float
+    apart: float
     beyond: float
     out_of_distribution: tuple[str, ...]
     seconds: float
@@ -115,8 +116,8 @@ class Forecaster:
     ) -> Forecast:
         compared = in_distribution(self.patient, plan, self._quality, self._ranges)
         result = widened(result, widening(compared))
-        touching, crossed = touching_lips(self.patient, result.displacement)
-        skin = self.patient.moved_skin(touching)
+        lips = held_lips(self.patient, result.displacement)
+        skin = self.patient.moved_skin(lips.displacement)
         moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]
         return Forecast(
             plan=plan,
@@ -130,7 +131,8 @@ class Forecaster:
             off_bone=0.0
             if least is None
             else float(off_bone(self.patient, plan, result.displacement).max(initial=0.0)),
-            crossed=crossed,
+            crossed=lips.crossed,
+            apart=lips.left if lips.before <= SEALED else 0.0,
             beyond=beyond(compared),
             out_of_distribution=tuple(part for part in PARTS if not compared[part]["within"]),
             seconds=time.perf_counter() - began,

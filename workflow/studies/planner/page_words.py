@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pinnochio.mechanics.held_lips import CLOSING, CROSSED, OPEN
 from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.measures import MEASURES
-from pinnochio.model.touching_lips import CROSSED
 from pinnochio.patients.certificate import FAR, import_rows
 from pinnochio.patients.face_measures import FaceMeasures, in_numbers
 from pinnochio.plans.surgery import amount, segment_in_words
@@ -37,6 +37,7 @@ COLLIDE = {
 LUXATED = "A condyle is more than {:g} mm out of its place: {}."
 PRACTICE = "Beyond what is practised: {}."
 CROSS = "Lips would cross by {:.1f} mm; shown in contact."
+APART = f"Lips stay {{:.1f}} mm apart, more than the {CLOSING:g} mm by which they are closed."
 STILL = "Nothing is moved, so nothing changes."
 
 
@@ -117,6 +118,8 @@ def warning(forecast: Forecast) -> str:
         said.append(OFF.format(forecast.off_bone))
     if forecast.crossed >= CROSSED:
         said.append(CROSS.format(forecast.crossed))
+    if forecast.apart > OPEN:
+        said.append(APART.format(forecast.apart))
     if forecast.beyond > FAR:
         said.append(FAR_BEYOND.format(forecast.beyond))
     if forecast.out_of_distribution:
