@@ -5,10 +5,12 @@ from collections.abc import Mapping
 
 import numpy as np
 import pyvista as pv
+from scipy import sparse
 
 from pinnochio.files import replacing
+from pinnochio.geometry.mesh_topology import edge_graph
 from pinnochio.mechanics.elements.tetrahedra import jacobians
-from pinnochio.mechanics.held_lips import shown_skin
+from pinnochio.mechanics.held_lips import CLOSING, shown_skin
 from pinnochio.methods.names import written
 from pinnochio.model.patient import FIXED, MOVING, SLIDING, PatientModel
 from pinnochio.plans.plan import Plan
@@ -25,11 +27,27 @@ REST = Plan("rest", {})
 BAR = {"title": "mm", "vertical": True, "color": "black", "label_font_size": 16, "title_font_size": 16, "n_labels": 4}
 BAR |= {"fmt": "%.1f", "position_x": 0.04, "position_y": 0.1, "height": 0.7, "width": 0.08}
 FARTHEST = 4.0  # mm, where the scale of signed distances ends
+ROUNDS, LEVELLED = 15, 0.25  # of averaging over neighbours; mm by which it shifts a point at most [I]
 
 
-def skin_of(patient: PatientModel, displacement: np.ndarray, closing: float = 0.0) -> pv.PolyData:
-    """The outer skin moved by a displacement (n, 3) mm, lips in contact and closed as in :func:`shown_skin`."""
-    return surface_of(shown_skin(patient, displacement, closing), patient.skin_faces)
+def skin_of(patient: PatientModel, displacement: np.ndarray) -> pv.PolyData:
+    """The outer skin moved by a displacement (n, 3) mm, lips that cross in contact, with smooth normals."""
+    return surface_of(shown_skin(patient, displacement), patient.skin_faces)
+
+
+def held_skin(patient: PatientModel, displacement: np.ndarray) -> pv.PolyData:
+    """The same with lips held, and without the dents of the mesh's edges in it: its motion averaged over neighbours, no
+    point shifted by more than LEVELLED."""
+    moved = shown_skin(patient, displacement, CLOSING)
+    edges = np.vstack([patient.skin_faces[:, [0, 1]], patient.skin_faces[:, [1, 2]], patient.skin_faces[:, [2, 0]]])
+    near = edge_graph(patient.skin_points, edges).astype(bool).astype(float)
+    near = near.maximum(near.T) + sparse.eye_array(len(moved))
+    shift = moved - patient.skin_points
+    for _ in range(ROUNDS):
+        shift = near @ shift / near.sum(axis=1)[:, None]
+    shift += patient.skin_points - moved
+    size = np.linalg.norm(shift, axis=1, keepdims=True)
+    return surface_of(moved + shift * np.minimum(1, LEVELLED / np.maximum(size, 1e-9)), patient.skin_faces)
 
 
 def surface_of(points: np.ndarray, faces: np.ndarray) -> pv.PolyData:

@@ -12,8 +12,7 @@ import pyvista as pv
 from markupsafe import Markup
 
 from pinnochio import web_pages
-from pinnochio.figures.patient import BAR, FRONT, OBLIQUE, REST, SIDE, add_bone, add_face, add_values, finish, skin_of
-from pinnochio.mechanics.held_lips import CLOSING
+from pinnochio.figures.patient import BAR, FRONT, OBLIQUE, REST, SIDE, add_bone, add_face, add_values, finish, held_skin
 from pinnochio.methods.names import spoken
 from pinnochio.model.bones import segment_points
 from pinnochio.model.patient import PatientModel
@@ -92,7 +91,7 @@ def draw_bones(patient: PatientModel, plan: Plan) -> dict[str, str]:
 
 def draw_faces(patient: PatientModel, plan: Plan, result: Interval) -> dict[str, str]:
     """Such pictures of a result, with its interval where it has one."""
-    before, after = (skin_of(patient, share * result.displacement, CLOSING) for share in (0, 1))
+    before, after = (held_skin(patient, share * result.displacement) for share in (0, 1))
     rows = {
         "before, ": lambda plotter, _: add_face(plotter, before, patient, REST),
         "after, ": lambda plotter, _: add_face(plotter, after, patient, plan),
