@@ -18,20 +18,19 @@ from torch import Tensor
 from pinnochio.compiled import compiled
 from pinnochio.networks.layout import Inputs, Layout
 from pinnochio.networks.vectors import (
+    element,
     exponential,
     larger,
     largest,
     load,
-    load_part,
     positive,
     scaled,
     spread,
     store,
-    store_part,
     total,
 )
 
-_LANES = 16  # of the softmax, whose vectors run along the edges; all others run along the channels of a head
+_LANES = 8  # of the softmax, whose vectors run along the edges; all others run along the channels of a head
 _SHARE = 512  # least targets per thread: below, handing work to a thread costs more than the work
 _ZERO, _HALF, _ONE, _LOWEST = (np.float32(x) for x in (0, 0.5, 1, -np.inf))
 # Standard normal distribution by Abramowitz and Stegun 7.1.26, to 1e-7.
@@ -126,41 +125,45 @@ def _loops(heads, c):
     @_jit
     def forward(x, inputs, source, rows, slope, first, last, alpha, before, out):
         st, shift, w, a, bias, d = inputs
-        edges = len(d)
+        most = 0
         for i in range(first, last):
+            most = max(most, rows[i + 1] - rows[i])
+        size = (most // _LANES + 1) * _LANES
+        scores = np.empty(heads * size, np.float32)  # of one target
+        for i in range(first, last):
+            begin, count = element(rows, i), element(rows, i + 1) - element(rows, i)
             for h in range(heads):
                 at = h * c
                 t = load(st, (2 * i + 1) * width + at, c) + load(shift, at, c)
                 w0, w1, w2 = load(w, at, c), load(w, at + width, c), load(w, at + 2 * width, c)
                 w3, ah = load(w, at + 3 * width, c), load(a, at, c)
-                for e in range(rows[i], rows[i + 1]):
-                    z = load(st, 2 * width * source[e] + at, c) + t
+                store(scores, h * size + (count - 1) // _LANES * _LANES, spread(_LOWEST, _LANES))
+                for k in range(count):
+                    e = begin + k
+                    z = load(st, 2 * width * element(source, e) + at, c) + t
                     z = z + scaled(d, 4 * e, w0) + scaled(d, 4 * e + 1, w1) + scaled(d, 4 * e + 2, w2)
                     z = z + scaled(d, 4 * e + 3, w3)
-                    alpha[h, e] = total(ah * positive(z, z, z * slope))
-        for i in range(first, last):
+                    scores[h * size + k] = total(ah * larger(z, z * slope))
             for h in range(heads):
-                at, count = h * edges + rows[i], rows[i + 1] - rows[i]
-                top = spread(_LOWEST, _LANES)
-                for k in range(0, count, _LANES):
-                    top = larger(top, load_part(alpha, at + k, count - k, _LOWEST, _LANES))
-                top, norm = -largest(top), spread(_ZERO, _LANES)
-                for k in range(0, count, _LANES):
-                    norm = norm + exponential(load_part(alpha, at + k, count - k, _LOWEST, _LANES) + top)
+                top, norm = spread(_LOWEST, _LANES), spread(_ZERO, _LANES)
+                for k in range(h * size, h * size + count, _LANES):
+                    top = larger(top, load(scores, k, _LANES))
+                top = -largest(top)
+                for k in range(h * size, h * size + count, _LANES):
+                    share = exponential(load(scores, k, _LANES) + top)
+                    store(scores, k, share)
+                    norm = norm + share
                 inverse = _ONE / total(norm)
-                for k in range(0, count, _LANES):
-                    share = exponential(load_part(alpha, at + k, count - k, _LOWEST, _LANES) + top) * inverse
-                    store_part(alpha, at + k, count - k, share)
-        for i in range(first, last):
+                for k in range(h * size, h * size + count, _LANES):
+                    store(scores, k, load(scores, k, _LANES) * inverse)
             for h in range(heads):
                 o = load(bias, h * c, c)
-                for e in range(rows[i], rows[i + 1]):
-                    o = o + scaled(alpha, h * edges + e, load(st, 2 * width * source[e] + h * c, c))
+                for k in range(count):
+                    alpha[h, begin + k] = element(scores, h * size + k)
+                    o = o + scaled(scores, h * size + k, load(st, 2 * width * element(source, begin + k) + h * c, c))
                 store(before, i * width + h * c, o)
-        for k in range(first * width, last * width, c):
-            o = load(before, k, c)
-            below, _ = _normal(o)
-            store(out, k, load(x, k, c) + o * below)
+                below, _ = _normal(o)
+                store(out, i * width + h * c, load(x, i * width + h * c, c) + o * below)
 
     @_jit
     def backward(inputs, source, rows, slope, alpha, before, g, mean, gradients):

@@ -79,39 +79,17 @@ def store(_, array, index, vector):
     return types.void(array, index, vector), build
 
 
-def _first(builder, count, lanes):
-    """Mask of the first `count` lanes."""
-    numbers = ir.Constant(ir.VectorType(_INT, lanes), [_INT(lane) for lane in range(lanes)])
-    return builder.icmp_signed("<", numbers, _splat(builder, builder.trunc(count, _INT), lanes))
-
-
-@intrinsic(prefer_literal=True)
-def load_part(_, array, index, count, fill, lanes):
-    """The first `count` elements as by load, `fill` in the lanes after them."""
-    width = lanes.literal_value
-
-    def build(context, builder, signature, values):
-        index, count = (context.cast(builder, values[n], signature.args[n], types.intp) for n in (1, 2))
-        place = _place(context, builder, signature.args[0], values[0], index, width)
-        rest = _splat(builder, context.cast(builder, values[3], signature.args[3], types.float32), width)
-        name, vector = f"llvm.masked.load.v{width}f32.p0", ir.VectorType(_FLOAT, width)
-        return _call(builder, name, vector, place, _INT(4), _first(builder, count, width), rest)
-
-    return Vector(width)(array, types.unliteral(index), types.unliteral(count), types.unliteral(fill), lanes), build
-
-
 @intrinsic
-def store_part(_, array, index, count, vector):
-    """Write the first `count` elements of the vector."""
+def element(_, array, index):
+    """array.flat[index] of a contiguous array, integers as intp; nothing is checked, no negative index is turned."""
+    kind = types.intp if isinstance(array.dtype, types.Integer) else array.dtype
 
     def build(context, builder, signature, values):
-        index, count = (context.cast(builder, values[n], signature.args[n], types.intp) for n in (1, 2))
-        place = _place(context, builder, signature.args[0], values[0], index, vector.lanes)
-        mask = _first(builder, count, vector.lanes)
-        _call(builder, f"llvm.masked.store.v{vector.lanes}f32.p0", ir.VoidType(), values[3], place, _INT(4), mask)
-        return context.get_dummy_value()
+        index = context.cast(builder, values[1], signature.args[1], types.intp)
+        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        return context.cast(builder, builder.load(builder.gep(data, [index])), array.dtype, kind)
 
-    return types.void(array, index, count, vector), build
+    return kind(array, index), build
 
 
 @intrinsic(prefer_literal=True)
