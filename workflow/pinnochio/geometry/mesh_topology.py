@@ -4,6 +4,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from pinnochio.compiled import compiled
+
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # Faces of a tetrahedron of positive volume, each seen counter-clockwise from outside; face i is opposite corner i.
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
@@ -38,28 +40,54 @@ def pieces(elements, count: int) -> np.ndarray:
     return connected_components(graph, directed=False)[1]
 
 
-def faces_of(cells) -> tuple[np.ndarray, np.ndarray]:
-    """All faces (4m, 3), outward, and a key (4m,) that the two sides of a face share."""
-    faces = np.asarray(cells)[:, FACES].reshape(-1, 3)
-    low, middle, high = np.sort(faces.astype(np.int64), axis=1).T
-    count = int(faces.max()) + 1 if len(faces) else 1
-    # Two face ids fit 64 bits up to two million nodes.
-    return faces, (low * count + middle) * count + high
+def side_nodes(cells, sides) -> np.ndarray:
+    """Nodes (f, 3), outward, of sides (f,) of cells (side = 4 cell + face)."""
+    return np.asarray(cells)[sides[:, None] // 4, FACES[sides % 4]]
 
 
 def adjacency(cells) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of faces that are the two sides of one: indices (p,), (p,) into the 4m faces (cell = index // 4)."""
-    _, key = faces_of(cells)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
-    return order[same], order[same + 1]
+    """Pairs of sides that are those of one face: indices (p,), (p,), in the order of the nodes of the faces."""
+    return _paired(np.asarray(cells, np.int64), int(np.max(cells, initial=0)) + 1)
 
 
 def boundary_faces(cells) -> tuple[np.ndarray, np.ndarray]:
     """Outward faces (f, 3) with one cell only, and that cell (f,)."""
-    faces, _ = faces_of(cells)
-    alone = np.ones(len(faces), bool)
-    for side in adjacency(cells):
-        alone[side] = False
-    index = np.flatnonzero(alone)
-    return faces[index], index // 4
+    alone = single_sides(cells, *adjacency(cells))
+    return side_nodes(cells, alone), alone // 4
+
+
+def single_sides(cells, first, second) -> np.ndarray:
+    """Sides (f,) that are in none of the pairs of :func:`adjacency`."""
+    alone = np.ones(4 * len(cells), bool)
+    alone[first] = alone[second] = False
+    return np.flatnonzero(alone)
+
+
+@compiled
+def _paired(cells, count):
+    # Sides by their lowest node, then, among the few of one, by the others.
+    start, sides = np.zeros(count + 1, np.int64), np.empty(cells.size, np.int64)
+    lowest, others = np.empty(cells.size, np.int64), np.empty(cells.size, np.int64)
+    for side in range(cells.size):
+        cell, face = cells[side // 4], side % 4
+        a, b, c = cell[face - 3], cell[face - 2], cell[face - 1]
+        low, high = min(a, b, c), max(a, b, c)
+        lowest[side], others[side] = low, (a + b + c - low - high) * count + high
+        start[low + 1] += 1
+    start = np.cumsum(start)
+    end = start.copy()
+    for side in range(cells.size):
+        low = lowest[side]
+        at = end[low]
+        while at > start[low] and others[sides[at - 1]] > others[side]:
+            sides[at] = sides[at - 1]
+            at -= 1
+        sides[at] = side
+        end[low] += 1
+    first, second, pairs = np.empty(cells.size, np.int64), np.empty(cells.size, np.int64), 0
+    for at in range(1, cells.size):
+        one, two = sides[at - 1], sides[at]
+        if lowest[one] == lowest[two] and others[one] == others[two]:
+            first[pairs], second[pairs] = one, two
+            pairs += 1
+    return first[:pairs], second[:pairs]

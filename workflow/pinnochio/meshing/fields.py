@@ -67,7 +67,7 @@ class Fields:
         core = self.depth > self.thin / 2
         sheet = self.is_tissue & (self.depth > 0.15 * self.thin)
         if core.any():
-            sheet &= self._distance(core) < -self.thin / 2
+            sheet &= self._farther(core, self.thin / 2)
         middle = sheet & (self.depth >= ndimage.maximum_filter(self.depth, 3) - 1e-3)
         if not middle.any():
             return self.tissue
@@ -78,7 +78,7 @@ class Fields:
         far = self.depth < -width / 2
         if not far.any():
             return self.is_tissue
-        return self.is_tissue | (self._distance(far) < -width / 2)
+        return self.is_tissue | self._farther(far, width / 2)
 
     @cached_property
     def muscle(self) -> np.ndarray:
@@ -101,6 +101,10 @@ class Fields:
         half = -self.depth[tuple(index.T)]
         return index * self.spacing + self.origin, half
 
+    def _farther(self, inside, limit: float) -> np.ndarray:
+        """Where the surface of a voxel set is more than `limit` mm away, outside."""
+        return signed_distance(inside, self.spacing, min(self.reach, limit + 2 * self.spacing.max())) < -limit
+
     def _distance(self, inside) -> np.ndarray:
         return signed_distance(inside, self.spacing, self.reach)
 
@@ -111,6 +115,17 @@ class Fields:
         """Trilinear value of a field at points (..., 3) mm; constant beyond the outermost voxel centres."""
         points = np.ascontiguousarray(points, float)
         return _trilinear(field, points.reshape(-1, 3), self.origin, self.spacing).reshape(points.shape[:-1])
+
+    def sample_cells(self, field, points, cells, within) -> np.ndarray:
+        """Value (m, k) of a field in cells (m, 4) at barycentric coordinates within (k, 4)."""
+        return _in_cells(field, points, cells, within, self.origin, self.spacing)
+
+    def filled(self, field, points, cells, within, wanted) -> np.ndarray:
+        """Which of the wanted (m,) cells (m, 4) have a field positive at most of the barycentric places within (k, 4).
+
+        Cells farther from its zero than their reach need no look.
+        """
+        return _filled(field, points, cells, within, wanted, self.origin, self.spacing)
 
     def clear(self, start, end, steps: int, limit: float) -> np.ndarray:
         """Whether the share of void stays below `limit` on the way from start (n, 3) mm to shortly before end, (n,).
@@ -132,6 +147,51 @@ def _trilinear(field, points, origin, spacing):
     for row in range(len(points)):
         values[row] = _value(field, points[row], origin, spacing)
     return values
+
+
+@compiled
+def _in_cells(field, points, cells, within, origin, spacing):
+    values, point = np.empty((len(cells), len(within))), np.empty(3)
+    for e in range(len(cells)):
+        for k in range(len(within)):
+            _inside(points, cells[e], within[k], point)
+            values[e, k] = _value(field, point, origin, spacing)
+    return values
+
+
+@compiled
+def _filled(field, points, cells, within, wanted, origin, spacing):
+    filled, point = np.zeros(len(cells), np.bool_), np.empty(3)
+    middle = np.ones(4)
+    for e in range(len(cells)):
+        if not wanted[e]:
+            continue
+        cell = cells[e]
+        _inside(points, cell, middle, point)
+        point /= 4
+        reach = 0.0
+        for node in cell:
+            x, y, z = points[node, 0] - point[0], points[node, 1] - point[1], points[node, 2] - point[2]
+            reach = max(reach, np.sqrt(x * x + y * y + z * z))
+        value = _value(field, point, origin, spacing)
+        filled[e] = value > 0
+        if abs(value) < reach:
+            positive = k = 0
+            while k < len(within) and max(positive, k - positive) <= len(within) // 2:
+                _inside(points, cell, within[k], point)
+                positive += _value(field, point, origin, spacing) > 0
+                k += 1
+            filled[e] = 2 * positive > len(within)
+    return filled
+
+
+@compiled
+def _inside(points, cell, weights, point):
+    """The point (3,) of a cell that has these weights (4,)."""
+    for axis in range(3):
+        point[axis] = 0.0
+        for corner in range(4):
+            point[axis] += weights[corner] * points[cell[corner], axis]
 
 
 @compiled
@@ -160,11 +220,13 @@ def _value(field, point, origin, spacing):
     i, right, a = _between(point[0], origin[0], spacing[0], field.shape[0] - 1)
     j, behind, b = _between(point[1], origin[1], spacing[1], field.shape[1] - 1)
     k, above, c = _between(point[2], origin[2], spacing[2], field.shape[2] - 1)
-    total = 0.0
-    for x, u in ((i, 1 - a), (right, a)):
-        for y, v in ((j, 1 - b), (behind, b)):
-            total += u * v * ((1 - c) * field[x, y, k] + c * field[x, y, above])
-    return total
+    rest = 1 - c
+    return (
+        (1 - a) * (1 - b) * (rest * field[i, j, k] + c * field[i, j, above])
+        + (1 - a) * b * (rest * field[i, behind, k] + c * field[i, behind, above])
+        + a * (1 - b) * (rest * field[right, j, k] + c * field[right, j, above])
+        + a * b * (rest * field[right, behind, k] + c * field[right, behind, above])
+    )
 
 
 @compiled
@@ -265,11 +327,15 @@ def _sweep(squares, step, steps, swept):
         for start in range(0, width, PART):
             end = min(start + PART, width)
             for place in range(count):
-                least[place] = squares[row, place, start:end].min()
+                least[place] = np.inf
+                for k in range(start, end):  # faster than NumPy's min and max, which look for NaN
+                    least[place] = min(least[place], squares[row, place, k])
             for place in range(count):
                 line = swept[row, place, start:end]
-                line[:] = squares[row, place, start:end]
-                most = line.max()
+                most = np.float32(0)
+                for k in range(end - start):
+                    line[k] = squares[row, place, start + k]
+                    most = max(most, line[k])
                 for away in range(1, min(steps, count) + 1):
                     added = np.float32((away * step) ** 2)
                     for other in (place - away, place + away):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import meshio
 import numpy as np
 
+from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
 from pinnochio.files import check_seal, replacing, seal
 from pinnochio.geometry.mesh_topology import EDGES, boundary_faces
@@ -57,17 +58,37 @@ class TetMesh:
 
 def volumes(points, cells) -> np.ndarray:
     """Signed volume of every cell, mm3."""
-    a, b, c, d = np.moveaxis(points[cells], 1, 0)
-    return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6
+    return _shapes(points, np.asarray(cells, np.int64), False)[0]
 
 
 def dihedral_cosines(points, cells) -> np.ndarray:
     """Cosines (m, 6) of the dihedral angles; a flat or inverted cell has one of 1 or -1 beside it, judge its volume."""
-    a, b, c, d = np.moveaxis(points[cells], 1, 0)
-    ab, ac, ad = b - a, c - a, d - a
-    normals = np.stack([np.cross(c - b, d - b), np.cross(ad, ac), np.cross(ab, ad), np.cross(ac, ab)], axis=1)
-    length = np.linalg.norm(normals, axis=2, keepdims=True)
-    normals = normals / np.where(length > 0, length, 1)
-    # The edge between two corners is shared by the two faces opposite the other two corners.
-    i, j = EDGES.T
-    return np.clip(-np.einsum("mek,mek->me", normals[:, i], normals[:, j]), -1, 1)
+    return _shapes(points, np.asarray(cells, np.int64), True)[1]
+
+
+@compiled
+def _shapes(points, cells, angles):
+    """Volumes (m,) and, with angles, cosines (m, 6)."""
+    volume, cosines = np.empty(len(cells)), np.empty((len(cells) if angles else 0, 6))
+    normals = np.empty((4, 3))
+    for e in range(len(cells)):
+        a, b, c, d = points[cells[e, 0]], points[cells[e, 1]], points[cells[e, 2]], points[cells[e, 3]]
+        volume[e] = 0.0
+        for i in (0, 2, 1):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            volume[e] += (b[i] - a[i]) * ((c[j] - a[j]) * (d[k] - a[k]) - (c[k] - a[k]) * (d[j] - a[j]))
+            normals[0, i] = (c[j] - b[j]) * (d[k] - b[k]) - (c[k] - b[k]) * (d[j] - b[j])
+            normals[1, i] = (d[j] - a[j]) * (c[k] - a[k]) - (d[k] - a[k]) * (c[j] - a[j])
+            normals[2, i] = (b[j] - a[j]) * (d[k] - a[k]) - (b[k] - a[k]) * (d[j] - a[j])
+            normals[3, i] = (c[j] - a[j]) * (b[k] - a[k]) - (c[k] - a[k]) * (b[j] - a[j])
+        volume[e] /= 6
+        if angles:
+            for n in normals:
+                length = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+                n /= length if length > 0 else 1.0
+            # The edge between two corners is shared by the two faces opposite the other two corners.
+            for edge, (i, j) in enumerate(EDGES):
+                one, two = normals[i], normals[j]
+                cosine = one[0] * two[0] + one[2] * two[2] + one[1] * two[1]
+                cosines[e, edge] = min(max(-cosine, -1.0), 1.0)
+    return volume, cosines

@@ -21,29 +21,23 @@ def acceptable_move(points, target, cells, minimum_dihedral: float) -> np.ndarra
     are acceptable at `points` are acceptable at the result.
     """
     step = target - points
-    # Node to cells, to look again only at the cells around a node that went less far.
-    around = sparse.csr_array(
-        (np.ones(cells.size, np.int8), (cells.ravel(), np.repeat(np.arange(len(cells)), 4))),
-        shape=(len(points), len(cells)),
-    )
     fraction = np.where(np.abs(step).max(axis=1) > 0, 1.0, 0.0)
     halved = np.zeros(len(points), int)
     moved = points + step
-    watch = np.flatnonzero(fraction[cells].any(axis=1))
-    while len(watch):
-        bad = watch[~acceptable(moved, cells[watch], minimum_dihedral)]
-        nodes = np.unique(cells[bad])
-        nodes = nodes[fraction[nodes] > 0]
-        if len(nodes) == 0:
-            break
+    changed = fraction > 0
+    while changed.any():
+        near = cells[changed[cells].any(axis=1)]  # only around nodes that went less far
+        changed[:] = False
+        changed[near[~acceptable(moved, near, minimum_dihedral)]] = True
+        changed &= fraction > 0
+        nodes = np.flatnonzero(changed)
         halved[nodes] += 1
         fraction[nodes] = np.where(halved[nodes] > HALVINGS, 0, fraction[nodes] / 2)
         moved[nodes] = points[nodes] + fraction[nodes, None] * step[nodes]
-        watch = np.unique(around[nodes].indices)
     return moved
 
 
-def neighbour_mean(points, pairs, weight=None) -> np.ndarray:
+def neighbour_mean(points, pairs) -> np.ndarray:
     """Mean (n, 3) of the neighbours of every node over undirected edges (e, 2); the node itself where it has none."""
     count = len(points)
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T

@@ -4,7 +4,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from pinnochio.geometry.mesh_topology import FACES, adjacency, boundary_faces
+from pinnochio.compiled import compiled
+from pinnochio.geometry.mesh_topology import adjacency, boundary_faces, side_nodes
 from pinnochio.meshing.fields import Fields
 from pinnochio.meshing.mesh import volumes
 
@@ -26,26 +27,26 @@ def joined_pairs(points, cells, fields: Fields) -> tuple[np.ndarray, np.ndarray]
     paths from one to the other through points of their face stay in tissue.
     """
     first, second = adjacency(cells)
-    samples = simplex_points(4, 3) @ points[cells]
-    doubt = fields.sample(fields.narrow, samples).max(axis=1) > 0
+    within = simplex_points(4, 3)
+    doubt = fields.sample_cells(fields.narrow, points, cells, within).max(axis=1) > 0
     doubtful = np.flatnonzero(doubt[first // 4] | doubt[second // 4])
     sampled = np.unique(np.concatenate([first[doubtful], second[doubtful]]) // 4)
-    best = fields.sample(fields.depth, samples[sampled]).argmax(axis=1)
+    best = fields.sample_cells(fields.depth, points, cells[sampled], within).argmax(axis=1)
     anchor = np.full((len(cells), 3), np.nan)
-    anchor[sampled] = samples[sampled, best]
-    sides = first[doubtful]
-    a, b = sides // 4, second[doubtful] // 4
-    corners = points[cells[a[:, None], FACES[sides % 4]]]
-    gates = simplex_points(3, 3) @ corners
+    anchor[sampled] = (within[best, None] @ points[cells[sampled]])[:, 0]
+    a, b = first[doubtful] // 4, second[doubtful] // 4
+    gates = simplex_points(3, 3) @ points[side_nodes(cells, first[doubtful])]
     in_tissue = fields.sample(fields.void, gates) < VOID_SHARE
     reach = max(np.linalg.norm(anchor[side][:, None] - gates, axis=2).max(initial=0) for side in (a, b))
     steps = 1 + int(reach / (0.4 * fields.spacing.min()))
-    clear = in_tissue.copy()
-    for side in (a, b):
-        pair, gate = np.nonzero(clear)
-        clear[pair, gate] = fields.clear(anchor[side[pair]], gates[pair, gate], steps, VOID_SHARE)
+    clear, needed = np.zeros(len(a), int), OPEN_SHARE * in_tissue.sum(axis=1)
+    for gate, passes in zip(gates.swapaxes(0, 1), in_tissue.T, strict=True):
+        pair = np.flatnonzero(passes & (clear <= needed))
+        for side in (a, b):
+            pair = pair[fields.clear(anchor[side[pair]], gate[pair], steps, VOID_SHARE)]
+        clear[pair] += 1
     joined = np.ones(len(first), bool)
-    joined[doubtful] = clear.sum(axis=1) > OPEN_SHARE * in_tissue.sum(axis=1)
+    joined[doubtful] = clear > needed
     return first[joined], second[joined]
 
 
@@ -54,22 +55,32 @@ def split_nodes(cells, first, second) -> tuple[np.ndarray, np.ndarray]:
 
     Returns the new cells (m, 4) and, for each new node, the old one. Both in the order of the old nodes.
     """
-    count = 4 * len(cells)
-    corner = np.arange(count).reshape(-1, 4)
-    one = corner[(first // 4)[:, None], FACES[first % 4]]
-    other = corner[(second // 4)[:, None], FACES[second % 4]]
-    # Match the corners of the two sides by node.
-    flat = cells.ravel()
-    one = np.take_along_axis(one, np.argsort(flat[one], axis=1), axis=1).ravel()
-    other = np.take_along_axis(other, np.argsort(flat[other], axis=1), axis=1).ravel()
-    graph = sparse.coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
-    groups, group = connected_components(graph, directed=False)
-    start = np.empty(groups, np.int64)
-    start[group[::-1]] = np.arange(count)[::-1]  # the first of each
-    order = np.argsort(flat[start], kind="stable")
-    renumber = np.empty(groups, np.int64)
-    renumber[order] = np.arange(groups)
-    return renumber[group].reshape(-1, 4), flat[start[order]]
+    root = _first_corners(cells, first, second)
+    start = np.flatnonzero(root == np.arange(cells.size))
+    start = start[np.argsort(cells.ravel()[start], kind="stable")]
+    renumber = np.empty(cells.size, np.int64)
+    renumber[start] = np.arange(len(start))
+    return renumber[root].reshape(-1, 4), cells.ravel()[start]
+
+
+@compiled
+def _first_corners(cells, first, second):
+    """The first corner (4m,) of the group of each corner."""
+    root = np.arange(cells.size)
+    for pair in range(len(first)):
+        one, two = first[pair] // 4, second[pair] // 4
+        for a in range(4):
+            for b in range(4):
+                if a != first[pair] % 4 and cells[one, a] == cells[two, b]:
+                    p, q = 4 * one + a, 4 * two + b
+                    while root[p] != p:
+                        p = root[p]
+                    while root[q] != q:
+                        q = root[q]
+                    root[max(p, q)] = min(p, q)
+    for corner in range(cells.size):
+        root[corner] = root[root[corner]]
+    return root
 
 
 def cut_nodes(cells, first, second) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError, refusal
-from pinnochio.geometry.mesh_topology import EDGES, adjacency, compacted, faces_of
+from pinnochio.geometry.mesh_topology import EDGES, adjacency, compacted, side_nodes, single_sides
 from pinnochio.meshing.fields import Fields, is_tissue, without_specks
 from pinnochio.meshing.mesh import TetMesh, volumes
 from pinnochio.meshing.smoothing import acceptable_move, neighbour_mean
@@ -223,23 +223,9 @@ def _lattice(fields, divisions, placing: Placing) -> tuple[np.ndarray, np.ndarra
 
 def _classified(points, cells, fields) -> np.ndarray:
     """Label (m,) of every cell: 0 void or the tissue that fills most of it."""
-    inside = points[cells]
-    centre = inside.mean(axis=1)
-    reach = np.linalg.norm(inside - centre[:, None], axis=2).max(axis=1)
-    tissue = _filled(fields, fields.body, inside, centre, reach, True)
-    return np.where(
-        tissue, np.where(_filled(fields, fields.muscle, inside, centre, reach, tissue), MUSCLE, SUPERFICIAL), 0
-    )
-
-
-def _filled(fields, field, inside, centre, reach, wanted) -> np.ndarray:
-    """Whether a field is positive in most of each cell; cells farther from its zero than their reach need no look."""
-    value = fields.sample(field, centre)
-    filled = value > 0
-    close = np.flatnonzero((np.abs(value) < reach) & wanted)
-    samples = simplex_points(4, 3) @ inside[close]
-    filled[close] = (fields.sample(field, samples) > 0).mean(axis=1) > 0.5
-    return filled
+    mesh = points, cells, simplex_points(4, 3)
+    tissue = fields.filled(fields.body, *mesh, np.ones(len(cells), bool))
+    return np.where(tissue, np.where(fields.filled(fields.muscle, *mesh, tissue), MUSCLE, SUPERFICIAL), 0)
 
 
 def _mesh(fields, lattice: _Lattice, minimum) -> TetMesh:
@@ -282,11 +268,11 @@ def _without_pinches(points, cells, label, fields) -> np.ndarray:
     """
     label = label.copy()
     for _ in range(4):
-        void = np.flatnonzero(label == 0)
-        first, second = adjacency(cells[void])
-        split, old = split_nodes(cells[void], first, second)
         tissue_node = np.zeros(len(points), bool)
         tissue_node[cells[label > 0]] = True
+        void = np.flatnonzero(label == 0)
+        void = void[tissue_node[cells[void]].any(axis=1)]
+        split, old = split_nodes(cells[void], *adjacency(cells[void]))
         size = np.bincount(split.ravel())
         # Groups in the order of their node, the largest first: all but the first are filled.
         order = np.lexsort((-size, old))
@@ -309,26 +295,21 @@ def _compact(points, cells, free, label, keep):
 
 def _targets(points, cells, label, free, fields, size, smoothing: float) -> np.ndarray:
     """Where nodes should go: on boundaries, after some smoothing along them; others between their neighbours."""
-    faces, key = faces_of(cells)
-    order = np.argsort(key, kind="stable")
-    twin = np.flatnonzero(key[order[1:]] == key[order[:-1]])
-    a, b = order[twin], order[twin + 1]
+    a, b = adjacency(cells)
     between = a[label[a // 4] != label[b // 4]]
-    alone = np.ones(len(faces), bool)
-    alone[a] = alone[b] = False
     # Faces within a border plane of the volume are cut planes, not boundaries of tissue.
-    flat = (~free[faces]).all(axis=1).any(axis=1)
-    surface = np.concatenate([faces[between], faces[alone & ~flat]])
+    alone = side_nodes(cells, single_sides(cells, a, b))
+    alone = alone[free[alone].any(axis=1).all(axis=1)]
+    surface = np.concatenate([side_nodes(cells, between), alone])
     kinds = np.zeros((len(points), 3), bool)
     for code in (0, SUPERFICIAL, MUSCLE):
         kinds[cells[label == code], code] = True
-    kinds[faces[alone & ~flat], 0] = True
+    kinds[alone, 0] = True
     tissue_nodes = kinds[:, 1] | kinds[:, 2]
     outer, inner = kinds[:, 0] & tissue_nodes, kinds[:, 1] & kinds[:, 2]
 
-    pairs = np.sort(cells[:, EDGES].reshape(-1, 2), axis=1)
     rim = surface[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    mean = neighbour_mean(points, pairs)
+    mean = neighbour_mean(points, cells[:, EDGES].reshape(-1, 2))
     along = neighbour_mean(points, rim)
     bound = outer | inner
     mean[bound] = along[bound]
