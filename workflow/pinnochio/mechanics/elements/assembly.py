@@ -144,11 +144,6 @@ class Assembler:
         """The upper triangle of a matrix over the free unknowns, from its values of the pattern."""
         return sparse.csr_matrix((data, self.indices, self.indptr), shape=(len(self.indptr) - 1,) * 2)
 
-    def symmetric(self, data: np.ndarray) -> sparse.csr_matrix:
-        """The whole of the matrix of :meth:`upper`."""
-        upper = self.upper(data)
-        return (upper + sparse.triu(upper, 1).T).tocsr()
-
 
 def _patches(elements: Elements) -> PatchBlocks:
     """The patches of a mesh, their place in a pattern left open."""

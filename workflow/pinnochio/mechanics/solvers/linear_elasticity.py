@@ -3,7 +3,6 @@
 import copy
 
 import numpy as np
-from scipy import sparse
 
 from pinnochio.errors import InputError
 from pinnochio.mechanics.boundary.conditions import BoundaryConditions
@@ -44,11 +43,13 @@ class ElasticSolver:
         whole = Assembler(elements, np.zeros(rest.shape, bool), self.constraints.sliding.nodes, outer.pairs)
         data = whole.tangent(rest, self.frames)[0]
         whole.add(data, outer.pairs, self.constraints.turned(outer.blocks, outer.pairs, self.frames))
-        full = whole.symmetric(data)
-        fixed = self.constraints.constrained[whole.free]
-        inner = sparse.triu(full[~fixed][:, ~fixed], format="csr")
+        upper, fixed = whole.upper(data), self.constraints.constrained[whole.free]
+        upper.eliminate_zeros()
+        free = upper[~fixed]
+        inner = free[:, ~fixed]
         inner.sort_indices()
-        self._coupling, self._fixed, self._used = full[~fixed][:, fixed], fixed, whole.free
+        self._coupling = free[:, fixed] + upper[fixed][:, ~fixed].T.tocsr()
+        self._fixed, self._used = fixed, whole.free
         self._linear = linear_solver(inner.indptr, inner.indices, linear_solver_kind, single)
         if not self._linear.factorize(inner.data):
             raise RuntimeError("the stiffness at rest is not positive definite to working precision")
