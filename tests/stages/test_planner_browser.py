@@ -292,6 +292,10 @@ def test_on_a_phone_the_face_stays_above_what_moves_it(page):
         assert above["y"] >= 0 and above["height"] > 200 and above["x"] + above["width"] <= 390
         assert below["y"] + below["height"] > above["y"] + above["height"] and below["x"] + below["width"] <= 390
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    put(page, JAW, "advance", 20)
+    (box, first) = (page.locator(one).first.bounding_box() for one in (".words", "#about_A div:not(:empty)"))
+    assert first["y"] + 10 < box["y"] + box["height"]  # a warning is read without scrolling, numbers come after it
+    assert "90 % interval" not in page.locator("#about_A div:not(:empty)").first.inner_text()
     page.set_viewport_size({"width": 1280, "height": 720})
 
 

@@ -2,10 +2,8 @@
 two arches."""
 
 import json
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +29,7 @@ def clone(tmp_path):
     """A fresh clone of what is committed, with the plan of both jaws that the page names."""
     folder = tmp_path / "pinnochio"
     subprocess.run(["git", "clone", "--quiet", str(ROOT), str(folder)], check=True)
+    (folder / ".venv").symlink_to(sys.prefix)
     moved = {name: STILL | {"translation": way} for name, way in ADVANCED.items()}
     segments = moved | {"proximal_left": STILL, "proximal_right": STILL}
     (folder / "advance.json").write_text(json.dumps({"case": "P01", "segments": segments}))
@@ -38,10 +37,8 @@ def clone(tmp_path):
 
 
 def typed(block, folder):
-    """Type a block of the page in a shell, in the folder with the environment active."""
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    settings = {"cwd": folder, "env": os.environ | {"PATH": path}, "capture_output": True, "text": True}
-    done = subprocess.run(["bash", "-euc", block], **settings, check=False)
+    """Type a block of the page in a shell, in the folder."""
+    done = subprocess.run(["bash", "-euc", block], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
 
 

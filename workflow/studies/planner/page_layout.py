@@ -262,10 +262,10 @@ def _captions(page) -> None:
         for side in SIDES:
             with html.Div(v_if=(f"both || side == '{side}'",), id=f"about_{side}", classes="pa-2", style="flex: 1"):
                 html.B(f"Plan {side}: {{{{ about.{side}.moved }}}}")
-                html.Div(f"{{{{ about.{side}.more }}}}")
-                html.Div(f"{{{{ about.{side}.overlaps }}}}")
                 html.Div(f"{{{{ about.{side}.outside }}}}", style="color: #a40000")
                 html.Div(f"{{{{ about.{side}.marks }}}}", style=CARE)
+                html.Div(f"{{{{ about.{side}.more }}}}")
+                html.Div(f"{{{{ about.{side}.overlaps }}}}")
 
 
 def _legend(page) -> None:
