@@ -83,6 +83,12 @@ def test_after_the_quick_study_its_report_is_shown_but_patients_are_predicted_as
     assert "--configfile own.yaml" in run(*planned[:-1], "CONFIG=own.yaml", "predict")
 
 
+def test_make_keeps_a_cache_where_home_cannot_be_written(tmp_path):
+    made = ("make", "-pn", "-f", str(ROOT / "Makefile"), "PATIENT=P01", "predict")
+    said = {home: run("env", "-u", "XDG_CACHE_HOME", f"HOME={home}", *made) for home in ("/dev/null", str(tmp_path))}
+    assert [".snakemake/cache" in text for text in said.values()] == [True, False]
+
+
 def lines(command: tuple[str, ...]) -> list[tuple[tuple[str, ...], frozenset[str]]]:
     """Options and targets of each line of Snakemake that a command runs."""
     program, *words = command

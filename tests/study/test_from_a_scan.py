@@ -36,12 +36,6 @@ def clone(tmp_path):
     return folder
 
 
-def typed(block, folder):
-    """Type a block of the page in a shell, in the folder."""
-    done = subprocess.run(["bash", "-euc", block], cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
-
-
 def test_a_virtual_head_is_predicted_by_the_commands_of_the_page(clone):
     head = build_head(sample_patient(np.random.default_rng(3), "class_iii"), 3.0)
     tools.write(clone / "segmentation.nii.gz", tools.dental(head), head)
@@ -51,7 +45,8 @@ def test_a_virtual_head_is_predicted_by_the_commands_of_the_page(clone):
     config = yaml.safe_load(settings.read_text(encoding="utf-8"))
     config["mesh"]["nodes"] = 1500  # for speed
     settings.write_text(yaml.safe_dump(config), encoding="utf-8")
-    typed(PREDICT, clone)
+    done = subprocess.run(["bash", "-euc", PREDICT], cwd=clone, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
 
     home = clone / "results/patients/P01"
     assert (home / "segments.png").stat().st_size > 100_000
