@@ -6,14 +6,14 @@ import torch
 from torch_geometric.nn import GATv2Conv
 
 from pinnochio.networks import gatv2
-from pinnochio.networks.boundary import max_pool
+from pinnochio.networks.boundary import BoundaryNetwork, max_pool
 from pinnochio.networks.gatv2 import Attention, Encoder
 from pinnochio.networks.graph import EDGE, Graph
 from pinnochio.networks.layout import Layout
+from tests.helpers.settings import network_settings
 
-numba = pytest.mark.skipif(gatv2.gatv2_cpu is None, reason="the compiled loops need numba")
 DEVICES = [
-    pytest.param("cpu", marks=numba),
+    "cpu",
     pytest.param(
         "cuda",
         marks=pytest.mark.skipif(
@@ -80,7 +80,6 @@ def test_compiled_layer_gives_the_same_bits_again(device):
     assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
 
 
-@numba
 def test_threads_do_not_change_a_bit():
     rng = np.random.default_rng(0)
     cells = np.column_stack([np.arange(2000)] + [rng.integers(2000, size=2000) for _ in range(3)])
@@ -175,3 +174,16 @@ def test_max_pool_takes_each_channel_from_the_listed_neighbours_alone():
     neighbours = torch.tensor([[0, 3, 5], [19, 19, 2]])
     expected = torch.stack([torch.stack([features[j] for j in row]).max(0).values for row in neighbours])
     assert torch.equal(max_pool(features, neighbours), expected)
+
+
+def test_boundary_network_reads_no_more_of_the_source_than_it_answers_by():
+    source, pieces = Graph.build(np.random.default_rng(0).normal(size=(40, 3)), np.arange(37)[:, None] + range(4)), []
+    network, near = BoundaryNetwork(network_settings()), torch.tensor([[5, 6], [5, 4]])
+    network.encoder.register_forward_pre_hook(lambda _, inputs: pieces.append(inputs[0]))
+    torch.nn.init.ones_(network.decoder.linear.weight)
+    motion, moved, cue = torch.randn(40, 3), torch.ones(40, 1), torch.zeros(2, 3)
+    answer = network(source, motion, moved, near, cue, moved[:2])
+    everything = torch.cat([near, torch.arange(40).view(-1, 2)])
+    whole = network(source, motion, moved, everything, torch.zeros(22, 3), torch.ones(22, 1))
+    assert torch.allclose(answer, whole[:2], atol=1e-5) and answer.abs().min() > 0.1
+    assert [len(features) for features in pieces] == [16, 40]  # three layers, each three nodes on

@@ -2,10 +2,13 @@
 
 import torch
 from torch import Tensor, nn
+from torch.utils.weak import WeakTensorKeyDictionary
 
 from pinnochio.networks.gatv2 import Decoder, Encoder
 from pinnochio.networks.graph import DISPLACEMENT, LENGTH, Graph
 from pinnochio.networks.settings import NetworkSettings
+
+_KNOWN = WeakTensorKeyDictionary()  # what is read of a source, by the neighbours and the layers
 
 
 class BoundaryNetwork(nn.Module):
@@ -28,9 +31,9 @@ class BoundaryNetwork(nn.Module):
         motion (s, 3) mm and moved (s, 1) flag of the source nodes; neighbours (i, k) source indices; cue (i,
         3) mm and reliable (i, 1), 1 where the plan fixes the motion.
         """
-        features = torch.cat([source.points / LENGTH, motion / DISPLACEMENT, moved], 1)
-        encoded = self.encoder(features, source.edges, source.attributes)
-        pooled = max_pool(encoded, neighbours)
+        nodes, chosen, edges, near = _read(source.edges, neighbours, len(self.encoder.layers), len(source.points))
+        features = torch.cat([source.points / LENGTH, motion / DISPLACEMENT, moved], 1)[nodes]
+        pooled = max_pool(self.encoder(features, edges, source.attributes[chosen]), near)
         return cue + DISPLACEMENT * self.decoder(torch.cat([pooled, cue / DISPLACEMENT, reliable], 1))
 
 
@@ -38,3 +41,19 @@ def max_pool(features: Tensor, neighbours: Tensor) -> Tensor:
     """Largest feature (i, f) over the neighbours (i, k) of each row, from features (s, f)."""
     gathered = features.index_select(0, neighbours.flatten())
     return gathered.view(*neighbours.shape, -1).amax(1)
+
+
+def _read(edges: Tensor, neighbours: Tensor, layers: int, count: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """What so many layers read of a graph of `count` nodes to know the neighbours (i, k), kept as long as these live.
+
+    Nodes (m,) and edges by their numbers in the graph, the same edges (2, e) and the neighbours (i, k) among the nodes.
+    """
+    known = _KNOWN.setdefault(neighbours, {})
+    if layers not in known:
+        read = torch.zeros(count, dtype=torch.bool, device=edges.device).index_fill_(0, neighbours.flatten(), True)
+        for _ in range(layers):
+            read = read.index_fill(0, edges[0, read[edges[1]]], True)
+        nodes, chosen = read.nonzero()[:, 0], read[edges].all(0).nonzero()[:, 0]
+        number = read.cumsum(0) - 1
+        known[layers] = nodes, chosen, number[edges[:, chosen]], number[neighbours]
+    return known[layers]
