@@ -115,7 +115,8 @@ def predict_patient(patient: Patient, folder: str, inputs: RuleInputs) -> tuple[
             lifts=[f"{folder}/{Path(path).name}" for path in ensemble.lifts],
             covariates=[f"{folder}/{Path(path).name}" for path in ensemble.covariates],
             archive=patient.choice.folder,
-            fallback=inputs.prediction.fallback(job),
+            others=inputs.prediction.others(job),
+            seconds=patient.choice.seconds,
             outputs=made[plan],
         )
         made[plan]["plan"] = planned["plan"]

@@ -1,6 +1,7 @@
 """Makes all that is handed over of a new patient's plan: the face first, then files and pictures."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import in_distribution
+from pinnochio.patients.front import within
 from pinnochio.patients.in_distribution import Ranges, widening
 from pinnochio.patients.model_archive import FALLBACK, RANGES, calibration_file
 from pinnochio.plans.plan import Plan
@@ -31,8 +33,9 @@ def predict_plan(
     lifts: Sequence[str],
     covariates: Sequence[str],
     archive: str | None,
-    fallback: Mapping[str, object],
+    others: Mapping[str, Mapping],
     outputs: Mapping[str, str | Sequence[str]],
+    seconds: float | None = None,
 ) -> None:
     """Run the stages: prediction (with its interval, of networks), certificate; beside them pictures, files and page.
 
@@ -41,16 +44,24 @@ def predict_plan(
 
     about: as :func:`~scripts.patients.certify.certify` takes it; planned: files model and plan; method: predictor, its
     settings, device and threads; networks: file by fold, none of a method that learns nothing; archive: folder of the
-    networks' archive; fallback: predictor and settings of FALLBACK; outputs: files result, certificate, measures, page,
-    mesh and skin (several), folder bones, and of networks ensemble.
+    networks' archive; others: predictor and settings, by method, of FALLBACK and what `seconds` of a plan, where they
+    are limited, are chosen among, which is said first; outputs: files result, certificate, measures, page, mesh and
+    skin (several), folder bones, and of networks ensemble.
     """
     case, result = about["case"], outputs["result"]
     named, names, compared, calibrated = {"case": case}, list(networks) or [case], None, {}
+    if seconds:
+        best = within(seconds, PatientModel.read(planned["model"]), Plan.read(planned["plan"], case), fem)
+        print(best.words, flush=True)
+        fem = replace(fem, accuracy=best.accuracy or fem.accuracy)
+        method = {**method, **others[best.method]}
+        method["settings"] = {**method["settings"], "fem": asdict(fem)}
+        about = dict(about) | {"method": best.method, "expected_mm": best.mm}
     if archive:
         compared = compare(case, **planned, quality=quality, ranges=str(Path(archive) / RANGES))
     if networks and (Path(archive) / calibration_file(FALLBACK)).is_file() and not compared["within"]:
         about = dict(about) | {"method": FALLBACK, "instead_of": about["method"], "corrections": 0}
-        method, names, networks, lifts, covariates = {**method, **fallback}, [FALLBACK], {}, [], []
+        method, names, networks, lifts, covariates = {**method, **others[FALLBACK]}, [FALLBACK], {}, [], []
     drawn = [str(Path(result).with_name(f".{name}.json")) for name in ("bones", "faces")]
     begin = partial(beside().submit, Stages(Path(result).with_name(".beside.json")))
     begun = [begin(DRAW, planned, {"pictures": drawn[0]}, named)]
@@ -98,7 +109,8 @@ if __name__ == "__main__":
         lifts=files.lifts,
         covariates=files.covariates,
         archive=params.archive,
-        fallback=params.fallback,
+        others=params.others,
+        seconds=params.seconds,
         # One file per bone of the patient, which its segmentation tells.
         outputs=dict(snakemake.output.items()) | {"bones": str(Path(snakemake.output.mesh).with_name("bones"))},
     )

@@ -40,7 +40,7 @@ def project(tmp_path_factory) -> Project:
     files = [archive / name for name in names]
     names = ("segmentation.nii.gz", "plan.json", "wish.csv")
     files += [project.folder / f"{home}/{name}" for home in ("P01", "results/virtual/V01") for name in names]
-    files.append(project.folder / "P01/plans/further.json")
+    files += [project.folder / name for name in ("P01/plans/further.json", "models/front.json")]
     rows = ["case\tsegmentation\tplan\tpostop\tpostop_bones"]
     for number in range(PATIENTS):
         parts = [f"C{number}.{suffix}" for suffix in ("nii.gz", "json", "ply")]

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.model.regions import NAMES, regions
 from pinnochio.patients.certificate import in_words
 from pinnochio.patients.face_measures import TABLE
+from pinnochio.patients.front import within
 from pinnochio.patients.model_archive import FALLBACK, Archive, calibration_file
 from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
@@ -30,7 +32,7 @@ from scripts.patients.show_prediction import draw, show_prediction
 from tests.helpers.browser import DRIVEN, chromium, uncaught
 from tests.helpers.settings import CONFIG, SEGMENTS
 
-METHOD = "pinnochio_plus"
+METHOD, SLIDING = "pinnochio_plus", "finite_elements:FiniteElementPredictor"
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +128,38 @@ def test_a_plan_of_an_unknown_kind_is_called_unlike(patient, archive, result, tm
     assert said["in_distribution"]["plan"]["outside"][0].startswith("forward_upper_")
 
 
+def test_seconds_choose_the_method_and_say_first_how_near_it_comes(patient, archive, tmp_path, monkeypatch, capsys):
+    elastic, sliding = ({"predictor": f"pinnochio.methods.{name}"} for name in ("elastic:ElasticPredictor", SLIDING))
+    rows = [
+        {"method": "elastic", "accuracy": "", "times_95": 1},
+        {"method": FALLBACK, "accuracy": 0.5, "times_95": 1e9},
+    ]
+    rows = [row | {"mm": 1 / row["times_95"], "mm_95": 1, "times": 1, "front": True} for row in rows]
+    count = len(PatientModel.read(patient.model).points)
+    (tmp_path / "front.json").write_text(json.dumps({"nodes": count, "settings": rows}))
+    monkeypatch.setattr("scripts.patients.predict_plan.within", partial(within, front=tmp_path / "front.json"))
+    names = {"result": "predictions.h5", "certificate": "certificate.json", "page": "index.html", "measures": "m.csv"}
+    settings = {"settings": {"fem": vars(patient.fem), "contact": "mucosa"}}
+    for seconds, method in ((60, "elastic"), (1e12, FALLBACK)):
+        predict_plan(
+            about={"case": patient.case, "plan": "first", "method": FALLBACK, "corrections": 0, "code": "def"},
+            planned={"model": patient.model, "plan": patient.plan},
+            quality=archive[1][0],
+            fem=patient.fem,
+            method=sliding | settings | {"device": "cpu", "threads": 1},
+            networks={},
+            lifts=[],
+            covariates=[],
+            archive=None,
+            others={"elastic": elastic | settings, FALLBACK: sliding | settings},
+            outputs={key: str(tmp_path / method / name) for key, name in names.items()} | exported(tmp_path / method),
+            seconds=seconds,
+        )
+        said = json.loads((tmp_path / method / "certificate.json").read_text())
+        assert said["method"] == method and said["expected_mm"] == 1 and f": {method}" in capsys.readouterr().out
+        assert said["solution"]["solver"] == (method == FALLBACK)
+
+
 @pytest.mark.parametrize("alike", [False, True])
 def test_finite_elements_stand_in_for_networks_that_were_trained_on_others(patient, archive, alike, tmp_path):
     """The networks here are none: where they are asked, the prediction fails."""
@@ -157,9 +191,11 @@ def test_finite_elements_stand_in_for_networks_that_were_trained_on_others(patie
             lifts=[],
             covariates=[patient.covariates],
             archive=str(folder),
-            fallback={
-                "predictor": "pinnochio.methods.finite_elements:FiniteElementPredictor",
-                "settings": settings | {"contact": "mucosa"},
+            others={
+                FALLBACK: {
+                    "predictor": f"pinnochio.methods.{SLIDING}",
+                    "settings": settings | {"contact": "mucosa"},
+                },
             },
             outputs={key: str(tmp_path / name) for key, name in names.items()} | exported(tmp_path),
         )

@@ -107,6 +107,12 @@ def test_an_absent_key_with_a_default_is_filled_in():
         ),
         ({"fem": {"time_limit": ".inf"}}, ["fem.time_limit is inf, which is not finite"]),
         ({"stability": {"unit": [0.1, math.nan]}}, ["stability.unit[1] is nan, which is not finite"]),
+        ({"predict": {"accuracy": "0"}}, ["predict.accuracy is 0; allowed: number, >= 0.001, <= 2"]),
+        ({"predict": {"accuracy": -0.1}}, ["predict.accuracy is -0.1; allowed: number, >= 0.001, <= 2"]),
+        ({"predict": {"seconds": "near"}}, ["predict.seconds is 'near'; allowed: number, > 0, <= 3600"]),
+        ({"predict": {"seconds": 0}}, ["predict.seconds is 0; allowed: number, > 0, <= 3600"]),
+        ({"predict": {"seconds": -1}}, ["predict.seconds is -1; allowed: number, > 0"]),
+        ({"predict": {"seconds": ".nan"}}, ["predict.seconds is nan, which is not finite"]),
         ({"fem": {"accuracy": 0}}, ["fem.accuracy is 0; allowed: `exact` or number, >= 0.001, <= 2"]),
     ],
 )

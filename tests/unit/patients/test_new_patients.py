@@ -9,6 +9,7 @@ import pytest
 
 from pinnochio.errors import InputError
 from pinnochio.files import fingerprint
+from pinnochio.patients.front import FRONT
 from pinnochio.patients.model_archive import Archive, configuration_hash
 from pinnochio.plans.plan import Plan
 from pinnochio.study.choice import choose
@@ -208,6 +209,15 @@ def test_other_segments_are_refused_unless_allowed(tmp_path):
 def test_a_method_without_training_needs_no_archive(tmp_path, method):
     choice = chosen(tmp_path / "nowhere", method=method)
     assert choice.settings["mesh"] == CONFIG["mesh"] and not choice.files and not choice.networks
+
+
+def test_millimetres_or_seconds_choose_finite_elements_and_not_both(tmp_path):
+    choice = chosen(tmp_path / "nowhere", accuracy=0.2)
+    assert (choice.method, choice.settings["fem"]["accuracy"], choice.seconds) == ("fem_sliding", 0.2, None)
+    choice = chosen(tmp_path / "nowhere", seconds=0.5)
+    assert (choice.method, choice.seconds, choice.files) == ("fem_sliding", 0.5, [str(FRONT)])
+    with pytest.raises(InputError, match="both accuracy and seconds"):
+        chosen(tmp_path / "nowhere", accuracy=0.2, seconds=0.5)
 
 
 def test_the_hash_of_a_configuration_knows_values_and_not_their_order():

@@ -9,6 +9,7 @@ from pinnochio.errors import InputError
 from pinnochio.manifest import MANIFEST
 from pinnochio.methods.registry import BUILT_IN
 from pinnochio.overlays import overlaid
+from pinnochio.patients.front import FRONT
 from pinnochio.patients.model_archive import FALLBACK, RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
 
 WITHOUT_MODELS = [method.name for method in BUILT_IN if method.new_patients and method.trains == "no"]
@@ -16,7 +17,8 @@ WITHOUT_MODELS = [method.name for method in BUILT_IN if method.new_patients and 
 
 @dataclass(frozen=True)
 class Choice:
-    """method and the Newton corrections of its network's fields; settings: the sections READ_BY_NETWORKS.
+    """method and the Newton corrections of its network's fields; settings: the sections READ_BY_NETWORKS; seconds: of
+    a plan, within which the method that comes nearest is chosen on the patient (`patients.front`).
 
     Of a learned method also lift, the kind that its network wants; the archive and its folder; networks, one of each
     fold in the order of archive.folds. These are plain files: no rule makes them.
@@ -29,6 +31,7 @@ class Choice:
     archive: Archive | None = None
     folder: str | None = None
     networks: Sequence[str] = ()
+    seconds: float | None = None
 
     @property
     def in_words(self) -> str:
@@ -38,7 +41,9 @@ class Choice:
 
     @property
     def files(self) -> list[str]:
-        """What a certificate reads of the archive."""
+        """What a certificate reads of the archive, or the choice by seconds of the front."""
+        if self.seconds:
+            return [str(FRONT)]
         if not self.folder:
             return []
         named = [Path(self.folder) / name for name in (MANIFEST, RANGES, calibration_file(self.method))]
@@ -50,9 +55,16 @@ def choose(config: Mapping, models: str | os.PathLike) -> Choice:
     """The choice of a configuration: predict.method; models: folder of the archive.
 
     A learned method is used as it was trained: with the settings of the archive, not with those of `config` but for its
-    accuracy. InputError where the archive is missing, lacks the method or knows fewer segments.
+    accuracy. predict.accuracy or predict.seconds choose finite elements in its place. InputError where both are there,
+    or the archive is missing, lacks the method or knows fewer segments.
     """
-    method = config["predict"]["method"]
+    method, dial = config["predict"]["method"], {name: config["predict"].get(name) for name in ("accuracy", "seconds")}
+    if None not in dial.values():
+        raise InputError("-", "configuration", "predict has both accuracy and seconds", "keep one of the two")
+    if any(dial.values()):
+        accuracy = dial["accuracy"] or config["fem"]["accuracy"]
+        settings = overlaid({name: config[name] for name in READ_BY_NETWORKS}, {"fem": {"accuracy": accuracy}})
+        return Choice(FALLBACK, settings, seconds=dial["seconds"])
     if method in WITHOUT_MODELS:
         return Choice(method, {name: config[name] for name in READ_BY_NETWORKS})
     # Absolute, so that no rule of the study makes these files: a prediction never starts a training.

@@ -104,10 +104,11 @@ class PredictionInputs:
         """Input or params function: one entry of :meth:`ensemble`."""
         return lambda wildcards: getattr(self.ensemble(wildcards), name)
 
-    def fallback(self, wildcards) -> dict:
-        """Predictor and settings of what stands in for networks."""
-        other = registry(self.study.patient(wildcards).config)[FALLBACK]
-        return {"predictor": other.predictor, "settings": predicting(other.settings)}
+    def others(self, wildcards) -> dict:
+        """Predictor and settings, by name, of what stands in for networks and what predict.seconds chooses among."""
+        known = registry(self.study.patient(wildcards).config)
+        pairs = ((name, known[name]) for name in ("elastic", FALLBACK))
+        return {name: {"predictor": one.predictor, "settings": predicting(one.settings)} for name, one in pairs}
 
     def ensemble(self, wildcards) -> Ensemble:
         """Of every fold of the study, or of the archive that was chosen for the patient."""
