@@ -29,14 +29,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pinnochio.compiled import compiled
 from pinnochio.errors import InputError
-from pinnochio.geometry.triangles import closest_on_triangles, face_normals
+from pinnochio.geometry.triangles import face_normals
 
 # Triangles within it at rest can be touched, mm; what lips slide along each other stays below [I].
 REACH = 12.0
 FEWEST = 6  # triangles that a node sees at least, however coarse the mesh
 WIDTH = 0.25  # h over the square root of the mean area of the triangles
-NEGLIGIBLE = 1e-7  # derivative of f by a node that the tangent leaves out
+NEGLIGIBLE = 1e-7  # derivative of f by a node that the tangent leaves out; its square: weight that counts for none
 ROUND = 3.0  # R in mm [I]
 STIFFNESS = 200.0  # kappa over mu / edge: in heads of 1,500 to 5,000 nodes 1 kPa enters 0.02-0.04 mm [X]
 
@@ -74,6 +75,7 @@ class UnilateralContact:
         self._sides = [_Faces(item, self.points) for item in self.sets]
         self.nodes = np.concatenate([np.zeros(0, int)] + [np.asarray(item.nodes, int) for item in self.sets])
         self._scale = [self.stiffness / 2 * np.asarray(item.areas, float) for item in self.sets]
+        self._last: tuple = (np.zeros(0), [])
         self._levels = [np.minimum(f, 0) for f, _ in self._distances(np.zeros_like(self.points))]
         keys = [_couples(side.stencil, len(self.points))[2] for side in self._sides]
         self._keys = np.unique(np.concatenate([np.zeros(0, int), *map(np.ravel, keys)]))
@@ -111,12 +113,14 @@ class UnilateralContact:
         return np.concatenate([np.zeros(0)] + [side.gap for side in self._gaps(displacement)])
 
     def _gaps(self, displacement) -> list["_Gap"]:
-        """The gaps of every side."""
-        distances = self._distances(displacement)
-        return [
-            _Gap(side, scale, f - level, slope)
-            for side, scale, (f, slope), level in zip(self._sides, self._scale, distances, self._levels, strict=True)
-        ]
+        """The gaps of every side; the last ones are kept."""
+        if not np.array_equal(self._last[0], displacement):
+            sides = zip(self._sides, self._scale, self._distances(displacement), self._levels, strict=True)
+            self._last = (
+                np.array(displacement),
+                [_Gap(side, scale, f - level, by) for side, scale, (f, by), level in sides],
+            )
+        return self._last[1]
 
     def _distances(self, displacement) -> list[tuple[np.ndarray, np.ndarray]]:
         moved = self.points + displacement
@@ -156,40 +160,86 @@ class _Faces:
 
     def local(self, here) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance (s,) and its derivative (s, k, 3), moved points of the stencil (s, k, 3)."""
-        shape, column, seen = here.shape, self._column, self._seen
-        column = column + shape[1] * np.arange(shape[0])[:, None, None]
-        corners, here = here.reshape(-1, 3)[column], here[:, :1]
-        first, second = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
-        normal = np.cross(first, second)
-        length = np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
-        normal = normal / length
-        offset = here - corners.mean(axis=2)
-        plane = (offset * normal).sum(axis=2)
-        shares = closest_on_triangles(here, corners)[1]
-        away = here - np.einsum("stc,stcx->stx", shares, corners)
-        square = (away**2).sum(axis=2)
-        weight = np.where(seen, square, np.inf)
-        weight = np.exp((weight.min(axis=1, keepdims=True) - weight) / self._width**2)
-        weight /= weight.sum(axis=1, keepdims=True)
-        mean = (weight * plane).sum(axis=1, keepdims=True)
-        aside = square - plane**2
-        beside = (weight * aside).sum(axis=1, keepdims=True)
-        out = np.maximum(np.sqrt(np.maximum(beside, 0)) - self._width, 0)
-        rise = out / (2 * ROUND * (self._width + out))  # derivative by t^2
-        # Derivatives by p_c and d_c^2, the latter in itself and in the weights.
-        by_plane = weight * (1 - 2 * rise * plane)
-        by_square = weight * (rise - (plane - mean + rise * (aside - beside)) / self._width**2)
-        # That the closest point moves along its triangle changes the distance not at all, to first order.
-        pull, along = 2 * by_square[..., None] * away, by_plane[..., None] * normal
-        # The normal is first x second over its length.
-        turn = by_plane[..., None] * (offset - plane[..., None] * normal) / length
-        by_second, by_first = np.cross(turn, first), np.cross(second, turn)
-        by_corner = np.stack([-by_first - by_second, by_first, by_second], axis=2)
-        by_corner -= along[:, :, None] / 3 + shares[..., None] * pull[:, :, None]
-        flat = [np.bincount(column.ravel(), by_corner[..., axis].ravel(), shape[0] * shape[1]) for axis in range(3)]
-        slope = np.stack(flat, axis=1).reshape(shape)
-        slope[:, 0] = (along + pull).sum(axis=1)  # in place of the unseen triangles, which have no weight
-        return (mean + out**2 / (2 * ROUND))[:, 0], slope
+        value, slope = np.empty(len(here)), np.zeros(here.shape)
+        _local(here, self._column, self._seen, self._width, value, slope)
+        return value, slope
+
+
+@compiled
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _cross(a, b):
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@compiled
+def _closest(x, corners, shares):
+    """Squared distance of x (3,) from a triangle (3, 3), the closest point of which has these shares (3,)."""
+    e, f, g = corners[1] - corners[0], corners[2] - corners[0], x - corners[0]
+    ee, ef, ff, ge, gf = _dot(e, e), _dot(e, f), _dot(f, f), _dot(g, e), _dot(g, f)
+    area = max(ee * ff - ef * ef, 1e-300)
+    shares[1], shares[2] = (ff * ge - ef * gf) / area, (ee * gf - ef * ge) / area
+    shares[0] = 1 - shares[1] - shares[2]
+    if min(shares[0], shares[1], shares[2]) >= 0:
+        away = g - shares[1] * e - shares[2] * f
+        return _dot(away, away)
+    least = np.inf
+    for i in range(3):
+        j = (i + 1) % 3
+        along, start = corners[j] - corners[i], x - corners[i]
+        share = min(max(_dot(start, along) / max(_dot(along, along), 1e-300), 0.0), 1.0)
+        away = start - share * along
+        if _dot(away, away) < least:
+            least = _dot(away, away)
+            shares[i], shares[j], shares[3 - i - j] = 1 - share, share, 0.0
+    return least
+
+
+@compiled
+def _plane(x, corners):
+    """Unit normal (3,) of a triangle (3, 3), twice its area, the offset (3,) of x from its middle and its height."""
+    normal = _cross(corners[1] - corners[0], corners[2] - corners[0])
+    length = max(np.sqrt(_dot(normal, normal)), 1e-12)
+    normal, offset = normal / length, x - (corners[0] + corners[1] + corners[2]) / 3
+    return normal, length, offset, _dot(normal, offset)
+
+
+@compiled
+def _local(here, column, seen, width, value, slope):
+    square, shares = np.empty(column.shape[1]), np.empty((column.shape[1], 3))
+    for s in range(len(here)):
+        x, moved, count = here[s, 0], here[s], seen[s].sum()
+        for c in range(count):
+            square[c] = _closest(x, moved[column[s, c]], shares[c])
+        weight = np.exp((square[:count].min() - square[:count]) / width**2)
+        weight /= weight.sum()
+        mean, beside, near = 0.0, 0.0, np.flatnonzero(weight > NEGLIGIBLE**2)
+        for c in near:
+            plane = _plane(x, moved[column[s, c]])[3]
+            mean += weight[c] * plane
+            beside += weight[c] * (square[c] - plane**2)
+        out = max(np.sqrt(max(beside, 0.0)) - width, 0.0)
+        value[s] = mean + out**2 / (2 * ROUND)
+        rise = out / (2 * ROUND * (width + out))  # derivative by t^2
+        for c in near:
+            corners, share = moved[column[s, c]], shares[c]
+            normal, length, offset, plane = _plane(x, corners)
+            # Derivatives by p_c and d_c^2, the latter in itself and in the weights.
+            by_plane, aside = weight[c] * (1 - 2 * rise * plane), square[c] - plane**2
+            by_square = weight[c] * (rise - (plane - mean + rise * (aside - beside)) / width**2)
+            # That the closest point moves along its triangle changes the distance not at all, to first order.
+            pull = 2 * by_square * (x - share[0] * corners[0] - share[1] * corners[1] - share[2] * corners[2])
+            along = by_plane * normal
+            # The normal is first x second over its length.
+            turn = by_plane * (offset - plane * normal) / length
+            by_first, by_second = _cross(corners[2] - corners[0], turn), _cross(turn, corners[1] - corners[0])
+            slope[s, 0] += along + pull
+            slope[s, column[s, c, 0]] -= by_first + by_second + along / 3 + share[0] * pull
+            slope[s, column[s, c, 1]] += by_first - along / 3 - share[1] * pull
+            slope[s, column[s, c, 2]] += by_second - along / 3 - share[2] * pull
 
 
 def _couples(nodes, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
