@@ -12,7 +12,6 @@ from pinnochio.mechanics.boundary.contact import UnilateralContact, penalty
 from pinnochio.mechanics.boundary.lips import facing_sets
 from pinnochio.mechanics.elements.tetrahedra import Elements
 from pinnochio.mechanics.problems import box, uniform
-from pinnochio.mechanics.solvers.linear_algebra import secant
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.model.patient import LOWER_LIP, UPPER_LIP
 from pinnochio.plans.plan import Plan, RigidMotion
@@ -176,19 +175,6 @@ def test_pressed_and_shifted_blocks_transmit_pressure_but_no_shear():
     assert loads[0][2] / area > 0.3
     assert np.abs(np.array(loads)[:, :2]).max() < 0.01 * loads[0][2]
     assert loads[1][2] == pytest.approx(loads[0][2], rel=0.04)  # other nodes carry it
-
-
-def test_secant_steps_learn_what_the_factors_leave_out():
-    """Of a Hessian with four eigenvalues, by exact steps, in as many; by the factors alone not in twice as many."""
-    hessian, pairs = np.diag(np.repeat([1.0, 3.0, 10.0, 40.0], 5)), []
-    left, plain = np.ones((2, 20))
-    for _ in range(4):
-        way = secant(lambda x: x, pairs, left)
-        change = way @ left / (way @ hessian @ way) * (hessian @ way)
-        pairs, left = [*pairs, (np.linalg.solve(hessian, -change), -change)], left - change
-    for _ in range(8):
-        plain = plain - plain @ plain / (plain @ hessian @ plain) * (hessian @ plain)
-    assert np.linalg.norm(left) < 1e-9 and np.linalg.norm(plain) > 1e-2
 
 
 def test_penalty_keeps_one_kilopascal_within_its_depth():

@@ -219,15 +219,3 @@ def conjugate_gradients(product, precondition, rhs, tolerance: float, limit: int
         residual -= now / curvature * image
         last = now
     return (solution if np.linalg.norm(residual) <= goal else None), limit
-
-
-def secant(precondition, pairs, gradient) -> np.ndarray:
-    """Step of L-BFGS: x -> M^-1 x as :func:`conjugate_gradients`, and the last steps with their changes of gradient."""
-    wanted, shares = -gradient, []
-    for step, change in reversed(pairs):
-        shares.append(step @ wanted / (step @ change))
-        wanted = wanted - shares[-1] * change
-    wanted = precondition(wanted)
-    for (step, change), share in zip(pairs, reversed(shares), strict=True):
-        wanted = wanted + (share - change @ wanted / (step @ change)) * step
-    return wanted

@@ -15,7 +15,7 @@ from pinnochio.mechanics.elements.assembly import Assembler
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians, least_reaction
 from pinnochio.mechanics.settings import SolverSettings
-from pinnochio.mechanics.solvers.linear_algebra import conjugate_gradients, linear_solver, secant, symmetric_product
+from pinnochio.mechanics.solvers.linear_algebra import conjugate_gradients, linear_solver, symmetric_product
 
 # Volume ratio below which ln J is extended while a start is untangled: the energy is all but quadratic in J then. With
 # 0.3 a patch mesh whose elements were half inverted reached another equilibrium in 1 of 12 tries, with 0.9 in none [X].
@@ -23,10 +23,6 @@ UNTANGLING = 0.9
 # A start with a larger share of inverted elements says nothing of where to go: plain elements settle in a crumpled
 # equilibrium from there [X].
 TANGLED = 0.25
-# Newton's steps overshoot where lips press, because the tangent of a contact leaves out its bend. Below a residual of
-# HASTENED secant steps, which learn it, go on after a shortened one, as long as RUN of them halve the residual. Above
-# HOPELESS a tangent that was not definite is not at the next state either, and is cut at once [X].
-HASTENED, RUN, KEPT, HOPELESS = 0.2, 12, 10, 0.05
 
 
 @dataclass(frozen=True)
@@ -179,8 +175,7 @@ class Newton:
         comes on in the step. Raises Stop.
         """
         coming = self.assembler.gather(self.constraints.local(further * self.outer.forces, state.frames))
-        hopeless = len(self.contact.nodes) and self.indefinite and state.residual > HOPELESS
-        for bound in (1.0,) if hopeless else (cut_below, 1.0):
+        for bound in (cut_below, 1.0):
             definite = bound == 1
             if time.perf_counter() - self.began > self.settings.time_limit:
                 raise Stop(f"time limit of {self.settings.time_limit:g} s reached")
@@ -298,29 +293,8 @@ class Newton:
             new, count = self.descend(state), count + 1
             if new is None:
                 return state, f"the line search stagnated at a residual of {state.residual:.1e}"
-            overshot = len(self.contact.nodes) and self.factorized and self.history[-1]["step"] < 1
-            state = self.hasten(state, new, tolerance) if overshot and new.residual < HASTENED else new
-        return state, ""
-
-    def hasten(self, before: NewtonState, state: NewtonState, tolerance: float) -> NewtonState:
-        """Where secant steps on the factors at hand lead from a state that a Newton step led to from `before`."""
-        moved = self.assembler.gather(self.constraints.local(state.u - before.u, before.frames))
-        pairs, residuals = [(moved, state.free_force - before.free_force)], [state.residual]
-        while state.residual > tolerance and (len(residuals) <= RUN or 2 * residuals[-1] < residuals[-RUN - 1]):
-            moved = secant(self.linear.solve, [pair for pair in pairs if pair[0] @ pair[1] > 0], state.free_force)
-            motion = self.constraints.world(self.assembler.scatter(moved), state.frames)
-            slope = moved @ state.free_force
-            for step in 0.5 ** np.arange(5):
-                new = self.state(state.u + step * motion, state.fraction)
-                if self.falls(state, new, step * slope) and new.least > self.least_allowed(state):
-                    break
-            else:
-                break
-            self.record(new, "secant", step)
-            pairs = [*pairs, (step * moved, new.free_force - state.free_force)][-KEPT:]
-            residuals.append(new.residual)
             state = new
-        return state
+        return state, ""
 
     # ---- the whole load
 
