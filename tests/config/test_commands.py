@@ -89,6 +89,17 @@ def test_make_keeps_a_cache_where_home_cannot_be_written(tmp_path):
     assert [".snakemake/cache" in text for text in said.values()] == [True, False]
 
 
+def test_make_hands_on_a_folder_as_it_is_named(tmp_path):
+    """With blanks, and with what a shell would take for a command."""
+    for name in ("envs/requirements.lock", ".venv/installed", ".venv/bin/python"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text('#!/bin/sh\nprintf "<%s>" "$@"\n')
+    (tmp_path / ".venv/bin/python").chmod(0o755)
+    patient = "PATIENT=My Patients/P01;echo 1"
+    said = run("make", "-s", "-C", str(tmp_path), "-f", str(ROOT / "Makefile"), "predict", patient)
+    assert said.endswith("<workflow/predict.py><patient=My Patients/P01;echo 1>")
+
+
 def lines(command: tuple[str, ...]) -> list[tuple[tuple[str, ...], frozenset[str]]]:
     """Options and targets of each line of Snakemake that a command runs."""
     program, *words = command
