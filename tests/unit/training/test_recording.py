@@ -81,6 +81,7 @@ def test_no_shape_and_no_branch_depends_on_a_value(cases, phase, monkeypatch):
         surface = sample.data.__self__
         monkeypatch.setattr(SurfaceLoss, "_on_gpu", lambda self: True)
         sample = replace(sample, data=surface.between)
+    learner.piece(network, sample, step()).terms()  # as before a recording, which finds what is read of the graphs
     with FakeTensorMode(allow_non_fake_inputs=True) as mode:
         piece = learner.piece(network, sample, step())
         terms = replace(piece, inputs=tuple(mode.from_tensor(value) for value in piece.inputs)).terms()
