@@ -56,7 +56,9 @@ def predict(
             covariates=read_stored_json(known) if known else {},
             warm=warm,
         )
-        return [replace(first, plan=Plan.read(plan, case)) for plan in plans]
+        # A further motion finds warm what the first one's call has loaded.
+        rest = [replace(first, plan=Plan.read(plan, case), warm=False) for plan in plans[1:]]
+        return [first, *rest]
 
     files = (_each(part, len(names)) for part in (cases, trained, models, lifts, truths, covariates, *plans))
     for name, case, fitted, *of_patient in zip(names, *files, strict=True):

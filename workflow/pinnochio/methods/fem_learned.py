@@ -39,11 +39,9 @@ class LearnedLoadPredictor:
 
     def __init__(self, settings: Mapping, trained: str, device: str, threads: int):
         self._fem, self._learned, self._threads = FemSettings(**settings["fem"]), SourceModel.read(trained), threads
-        self._warm_for: PatientModel | None = None
 
     def __call__(self, planned: Planned) -> Prediction:
         """Equilibrium under the plan, then with the face held; a solve that stops early is returned as such."""
-        warm, self._warm_for = planned.warm and self._warm_for is not planned.patient, planned.patient
         plan = planned.plan
 
         def prepare():
@@ -61,7 +59,7 @@ class LearnedLoadPredictor:
 
             return predict
 
-        (forces, result), seconds, setup = timed(prepare, warm)
+        (forces, result), seconds, setup = timed(prepare, planned.warm)
         logging.info("%s: %s", planned.case, result.reason)
         return Prediction(
             result.displacement,

@@ -38,11 +38,9 @@ class GraphPredictor:
         self._learned = load_sources(trained)
         self._fem, self._corrections = FemSettings(**settings["fem"]), settings["newton_corrections"]
         self._device, self._threads = device, threads
-        self._warm_for: PatientModel | None = None
 
     def __call__(self, planned: Planned) -> Prediction:
         """Displacement and boundary of every node, with what the inversion repair did."""
-        warm, self._warm_for = planned.warm and self._warm_for is not planned.patient, planned.patient
         finishing = planned.once(Finishing, planned.patient, self._fem, self._corrections)
 
         def prepare():
@@ -54,7 +52,7 @@ class GraphPredictor:
 
             return predict
 
-        (raw, finished), seconds, setup = timed(prepare, warm)
+        (raw, finished), seconds, setup = timed(prepare, planned.warm)
         logging.info("%s: %s", planned.case, finished.repair)
         return Prediction(
             finished.displacement,
