@@ -7,7 +7,7 @@ from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.boundary.conditions import boundary_conditions
 from pinnochio.mechanics.boundary.sliding import SlidingSurfaces
 from pinnochio.mechanics.elements.assembly import diagonal_blocks
-from pinnochio.mechanics.elements.tetrahedra import Elements, jacobians, shape_gradients
+from pinnochio.mechanics.elements.tetrahedra import Elements, cell_volumes, jacobians
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.model.labels import TISSUES, segment_name
 from pinnochio.model.patient import CUT_PLANE, FREE, MOVING, SLIDING, PatientModel
@@ -21,7 +21,7 @@ EDGE = 20.0  # mm from where the scan ends within which what lies beyond it matt
 
 def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
     """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %."""
-    ratio, rest = jacobians(points, cells, displacement), shape_gradients(points, cells)[1]
+    ratio, rest = jacobians(points, cells, displacement), cell_volumes(points, cells)
     metrics = {
         "min_jacobian": float(ratio.min()),
         "p1_jacobian": float(np.percentile(ratio, 1)),

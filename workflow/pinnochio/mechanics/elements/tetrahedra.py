@@ -154,7 +154,13 @@ def shape_gradients(points, cells) -> tuple[np.ndarray, np.ndarray]:
     edges = x[:, 1:] - x[:, :1]
     rest = np.linalg.inv(edges).transpose(0, 2, 1)
     gradients = np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1)
-    return np.ascontiguousarray(gradients), np.linalg.det(edges) / 6
+    return np.ascontiguousarray(gradients), cell_volumes(points, cells)
+
+
+def cell_volumes(points, cells) -> np.ndarray:
+    """Volume (m,) mm3 of every cell, negative where it is inside out."""
+    x = np.asarray(points, float)[cells]
+    return np.linalg.det(x[:, 1:] - x[:, :1]) / 6
 
 
 def lumped(cells, amounts, nodes: int) -> np.ndarray:
@@ -164,7 +170,7 @@ def lumped(cells, amounts, nodes: int) -> np.ndarray:
 
 def node_volumes(points, cells) -> np.ndarray:
     """Tissue (n,) mm3 that belongs to each node: a quarter of its cells."""
-    return lumped(cells, shape_gradients(points, cells)[1], len(points))
+    return lumped(cells, cell_volumes(points, cells), len(points))
 
 
 def mean_edge(points, cells) -> float:
