@@ -12,7 +12,6 @@ pathvars:
 include: "workflow/common.smk"
 include: "workflow/tables.smk"
 include: "workflow/studies/cohort_checks/rules.smk"
-include: "workflow/studies/corrections/rules.smk"
 include: "workflow/studies/design/rules.smk"
 include: "workflow/studies/inverse/rules.smk"
 include: "workflow/studies/learning/rules.smk"

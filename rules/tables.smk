@@ -1,19 +1,15 @@
-# What others have predicted, and what is corrected afterwards.
+# Judges what others have predicted.
 rule evaluate:
     input:
         unpack(INPUTS.prediction.gathered),
-        predictions="<results>/{batch}/{method}{corrected}/predictions.h5",
+        predictions="<results>/{batch}/{method}/predictions.h5",
     output:
-        metrics=ensure(
-            "<results>/{batch}/{method}{corrected}/metrics.csv", non_empty=True
-        ),
-        skins="<results>/{batch}/{method}{corrected}/skins.h5",
+        metrics=ensure("<results>/{batch}/{method}/metrics.csv", non_empty=True),
+        skins="<results>/{batch}/{method}/skins.h5",
     log:
-        "<logs>/evaluate/{batch}_{method}{corrected}.log",
+        "<logs>/evaluate/{batch}_{method}.log",
     benchmark:
-        "<benchmarks>/evaluate/{batch}_{method}{corrected}.tsv"
-    wildcard_constraints:
-        corrected=r"|/corrected_\d+",
+        "<benchmarks>/evaluate/{batch}_{method}.tsv"
     conda:
         "../envs/pinnochio.yaml"
     resources:
@@ -26,7 +22,7 @@ rule evaluate:
         seed=SEED,
         code=code_of("scripts.tables.evaluate"),
     message:
-        "Measure {wildcards.method}{wildcards.corrected} on {wildcards.batch}"
+        "Measure {wildcards.method} on {wildcards.batch}"
     script:
         "../scripts/tables/evaluate.py"
 

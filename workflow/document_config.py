@@ -54,7 +54,6 @@ TABLES = {
     "stages": ("pinnochio.tables.stages", "STAGES", "one row per stage"),
     "tradeoff": ("studies.tradeoff.setting_columns", "TRADEOFF", "one row per setting"),
     "learning": ("studies.learning.table", "LEARNING", "one row per method and number of training patients"),
-    "corrections": ("studies.corrections.table", "CORRECTIONS", "one row per method and number of corrections"),
     "coverage": ("pinnochio.tables.coverage", "COVERAGE", "one row per method and region"),
 }
 

@@ -140,9 +140,9 @@ def test_an_external_method_reads_its_held_out_cases_and_a_missing_file_is_named
 
 def test_a_further_study_records_what_made_its_table_and_an_ablation_of_no_variants_is_none(project):
     write_cohort(project, SCANNED, UNSCANNED)
-    jobs, _ = plan_jobs(project, "ablation=[]", "--", "all", "corrections", "design", "uncertainty")
+    jobs, _ = plan_jobs(project, "ablation=[]", "--", "all", "design", "uncertainty")
     assert "tables/accuracy.csv" in jobs and "tables/ablation.csv" not in jobs
-    for table in ("corrections", "design", "coverage"):
+    for table in ("design", "coverage"):
         assert jobs[f"tables/{table}.provenance.json"] == {f"tables/{table}.csv"}
 
 

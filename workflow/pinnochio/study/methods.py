@@ -103,7 +103,3 @@ class Methods:
     def phases(self, method: str) -> dict[str, Mapping | None]:
         """Settings of each phase that the method's networks are trained in."""
         return {phase: self.registry[method].settings.get(phase) for phase in PHASES.values()}
-
-    def learned_in(self, section: str) -> list[str]:
-        """Methods that a section of the configuration names and that the study trains."""
-        return [name for name in self.config[section]["methods"] if name in self.learned]

@@ -173,10 +173,8 @@ class Finish:
         made, repair = self.all(displacement, boundary, forces, alike)
         return made[-1].displacement, repair, len(made) - 1
 
-    def all(
-        self, displacement, boundary, forces=None, alike: bool = False, tolerance: float = EQUILIBRIUM
-    ) -> tuple[list[Correction], Repair]:
-        """The repaired field and what each correction makes of it, down to the tolerance (residual), and the repair.
+    def all(self, displacement, boundary, forces=None, alike: bool = False) -> tuple[list[Correction], Repair]:
+        """The repaired field and what each correction makes of it, down to EQUILIBRIUM, and the repair.
 
         displacement, boundary (n, 3) mm, forces (n, 3) mN: the network's. alike: another network's field of the same
         plan was finished just before.
@@ -192,7 +190,7 @@ class Finish:
         if self._corrector is None:
             self._corrector = Corrector.of(patient, settings, nodes, self._loads)
             weakref.finalize(self, self._corrector.close)
-        return self._corrector.corrections(displacement, prescribed, self._steps, tolerance, forces, alike), repair
+        return self._corrector.corrections(displacement, prescribed, self._steps, EQUILIBRIUM, forces, alike), repair
 
 
 def interface(patient: PatientModel, boundary) -> tuple[np.ndarray, np.ndarray]:

@@ -1,1 +1,0 @@
-"""What Newton corrections of a network's field are worth."""
