@@ -220,7 +220,3 @@ def test_two_trainings_give_the_same_field(fold, rows, method):
     first = skin(fold.folder / f"{method}_predictions.h5")
     second = skin(fold.predicted(method, fold.train(method)))
     assert np.array_equal(first, second) and np.abs(first - model.skin_points).max() > 0
-
-
-def test_methods_on_lips_predict_on_their_mesh(fold):
-    assert len(PatientModel.read(fold.model("fem_rlse")).points) > len(PatientModel.read(fold.model("elastic")).points)

@@ -85,7 +85,7 @@ def test_each_preset_becomes_segments(head, scan, preset, tmp_path):
     assert agreement(bone, head.labels >= 10) > 0.95
 
 
-def test_cuts_lie_where_surgeons_cut(head, imported, tmp_path):
+def test_cuts_lie_where_surgeons_cut(head, imported):
     folder, said, made = imported
     for code, least in ((11, 0.8), (12, 0.8), (13, 0.8), (14, 0.8)):  # against the cuts of the virtual cohort
         assert agreement(made.labels == code, head.labels == code) > least, code
@@ -93,9 +93,7 @@ def test_cuts_lie_where_surgeons_cut(head, imported, tmp_path):
     right, left = (np.array(said["landmarks"][name]["place"]) for name in ("RCo", "LCo"))
     assert left[0] > 35 and right[0] < -35 and left[2] > np.array(said["landmarks"]["LGo"]["place"])[2] + 30
     assert "nothing labelled tells left from right" in said["frame"]["sides"]
-    show_segments(*(str(folder / "out" / name) for name in SHOWN), tmp_path / "a.png")
     assert list(BoneSurface.read(folder / "out/bone.vtp").segments) == FOUR
-    assert (tmp_path / "a.png").stat().st_size > 50_000
 
 
 def test_soft_tissue_of_the_scan_is_the_face(head, imported):

@@ -73,11 +73,11 @@ def exported(folder):
     return {"mesh": str(folder / "deformed.vtu"), "skin": skin, "bones": str(folder / "bones")}
 
 
-def certified(patient, archive, result, folder, plan=None, learned=True):
+def certified(patient, archive, result, folder, learned=True):
     about = {"case": patient.case, "plan": "first", "corrections": 1, "code": "def"}
     about["method"] = METHOD if learned else "fem_sliding"
     packed, path = str(archive[0]) if learned else None, folder / "certificate.json"
-    plan, quality = plan or patient.plan, archive[1][0]
+    plan, quality = patient.plan, archive[1][0]
     compared = compare(patient.case, patient.model, plan, quality, f"{packed}/ranges.json") if packed else None
     certify(about, patient.model, plan, quality, result, patient.fem, packed, compared, str(path))
     return json.loads(path.read_text())
@@ -117,15 +117,6 @@ def test_the_certificate_of_a_patient_of_the_training(patient, archive, result, 
     assert said["measures"]["skin_mean_mm"] == pytest.approx(2) and said["interval"]["median_mm"] == 1.5
     assert said["in_distribution"]["within"] and said["models"]["folds"] == 2
     assert certified(patient, archive, result, tmp_path / "again") == said
-
-
-def test_a_plan_of_an_unknown_kind_is_called_unlike(patient, archive, result, tmp_path):
-    plan = json.loads(Path(patient.plan).read_text())
-    plan["segments"]["lefort1"]["translation"] = [0, 50, 0]  # beyond what two patients differ from each other by
-    (tmp_path / "plan.json").write_text(json.dumps(plan))
-    said = certified(patient, archive, result, tmp_path, plan=str(tmp_path / "plan.json"))
-    assert not said["in_distribution"]["within"] and said["in_distribution"]["anatomy"]["within"]
-    assert said["in_distribution"]["plan"]["outside"][0].startswith("forward_upper_")
 
 
 def test_seconds_choose_the_method_and_say_first_how_near_it_comes(patient, archive, tmp_path, monkeypatch, capsys):

@@ -15,7 +15,7 @@ from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import FREE, PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import Prediction, read_prediction, write_predictions
-from pinnochio.model.regions import NAMES, NECK, OTHER, regions
+from pinnochio.model.regions import NAMES, NECK
 from pinnochio.patients.in_distribution import widening
 from pinnochio.statistics.conformal import UNSEEN
 from pinnochio.statistics.intervals import Calibration, Interval, read_ensemble
@@ -75,17 +75,6 @@ def calibrated(patients, ensembles, folder, level=LEVEL, networks=True, truth=Tr
 @pytest.fixture(scope="module")
 def calibration(patients, ensembles, tmp_path_factory):
     return calibrated(patients, ensembles, tmp_path_factory.mktemp("calibration"))
-
-
-def test_the_regions_of_a_meshed_face(patients):
-    """The lips of the mesh are distinguished, and every region is there."""
-    for files in patients:
-        patient = PatientModel.read(files.model)
-        codes = regions(patient)
-        judged = np.unique(patient.skin_faces[patient.face_roi])
-        assert (codes[judged] >= 0).all() and (codes >= 0).sum() == len(judged)
-        size = np.bincount(codes[judged], minlength=len(NAMES))
-        assert (size[:OTHER] > 0.01 * len(judged)).all() and size[OTHER] < 0.4 * len(judged)
 
 
 def test_an_ensemble_holds_what_each_folds_network_predicts(patient, networks, ensembles, tmp_path):
