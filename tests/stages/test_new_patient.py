@@ -33,6 +33,7 @@ from tests.helpers.browser import DRIVEN, chromium, uncaught
 from tests.helpers.settings import CONFIG, SEGMENTS
 
 METHOD, SLIDING = "pinnochio_plus", "finite_elements:FiniteElementPredictor"
+PROCESSOR = {"device": "cpu", "threads": 1}
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +84,19 @@ def certified(patient, archive, result, folder, learned=True):
     return json.loads(path.read_text())
 
 
+def by_plan(patient, quality, name, corrections, folder, names, **more):
+    """Predict the patient's plan by the method of this name; names: those of the files that it leaves in the folder."""
+    predict_plan(
+        about={"case": patient.case, "plan": "first", "method": name, "corrections": corrections, "code": "def"},
+        planned={"model": patient.model, "plan": patient.plan},
+        quality=quality,
+        fem=patient.fem,
+        lifts=[],
+        outputs={key: str(folder / file) for key, file in names.items()} | exported(folder),
+        **more,
+    )
+
+
 def test_an_archive_holds_what_prediction_needs(archive):
     folder, _ = archive
     files = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
@@ -131,21 +145,10 @@ def test_seconds_choose_the_method_and_say_first_how_near_it_comes(patient, arch
     monkeypatch.setattr("scripts.patients.predict_plan.within", partial(within, front=tmp_path / "front.json"))
     names = {"result": "predictions.h5", "certificate": "certificate.json", "page": "index.html", "measures": "m.csv"}
     settings = {"settings": {"fem": vars(patient.fem), "contact": "mucosa"}}
+    more = {"networks": {}, "covariates": [], "archive": None, "method": sliding | settings | PROCESSOR}
+    more["others"] = {"elastic": elastic | settings, FALLBACK: sliding | settings}
     for seconds, method in ((60, "elastic"), (1e12, FALLBACK)):
-        predict_plan(
-            about={"case": patient.case, "plan": "first", "method": FALLBACK, "corrections": 0, "code": "def"},
-            planned={"model": patient.model, "plan": patient.plan},
-            quality=archive[1][0],
-            fem=patient.fem,
-            method=sliding | settings | {"device": "cpu", "threads": 1},
-            networks={},
-            lifts=[],
-            covariates=[],
-            archive=None,
-            others={"elastic": elastic | settings, FALLBACK: sliding | settings},
-            outputs={key: str(tmp_path / method / name) for key, name in names.items()} | exported(tmp_path / method),
-            seconds=seconds,
-        )
+        by_plan(patient, archive[1][0], FALLBACK, 0, tmp_path / method, names, seconds=seconds, **more)
         said = json.loads((tmp_path / method / "certificate.json").read_text())
         assert said["method"] == method and said["expected_mm"] == 1 and f": {method}" in capsys.readouterr().out
         assert said["solution"]["solver"] == (method == FALLBACK)
@@ -165,32 +168,12 @@ def test_finite_elements_stand_in_for_networks_that_were_trained_on_others(patie
     names = {"result": "interval.h5", "ensemble": "ensemble.h5", "certificate": "certificate.json"}
     names |= {"page": "index.html", "measures": "measures.csv"}
     settings = {"fem": vars(patient.fem)}
-
-    def predict():
-        predict_plan(
-            about={"case": patient.case, "plan": "first", "method": METHOD, "corrections": 1, "code": "def"},
-            planned={"model": patient.model, "plan": patient.plan},
-            quality=archive[1][0],
-            fem=patient.fem,
-            method={
-                "predictor": "pinnochio.methods.pinnochio.predictor:GraphPredictor",
-                "settings": settings | {"newton_corrections": 1},
-                "device": "cpu",
-                "threads": 1,
-            },
-            networks={fold: str(folder / METHOD / f"{fold}.pt") for fold in "12"},
-            lifts=[],
-            covariates=[patient.covariates],
-            archive=str(folder),
-            others={
-                FALLBACK: {
-                    "predictor": f"pinnochio.methods.{SLIDING}",
-                    "settings": settings | {"contact": "mucosa"},
-                },
-            },
-            outputs={key: str(tmp_path / name) for key, name in names.items()} | exported(tmp_path),
-        )
-
+    others = {FALLBACK: {"predictor": f"pinnochio.methods.{SLIDING}", "settings": settings | {"contact": "mucosa"}}}
+    more = {"covariates": [patient.covariates], "archive": str(folder), "others": others}
+    more["networks"] = {fold: str(folder / METHOD / f"{fold}.pt") for fold in "12"}
+    network = {"predictor": "pinnochio.methods.pinnochio.predictor:GraphPredictor"}
+    more["method"] = network | {"settings": settings | {"newton_corrections": 1}} | PROCESSOR
+    predict = partial(by_plan, patient, archive[1][0], METHOD, 1, tmp_path, names, **more)
     if alike:
         with pytest.raises(Exception, match=r"1\.pt"):
             predict()
