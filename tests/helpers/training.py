@@ -116,38 +116,28 @@ def measured(patient, predictions: str, metrics: str, method: str = "some", **ch
 
 def predict_all(networks: dict[str, str], patient, ensemble: str, corrections: int = 0, plan=None, lift=None) -> None:
     """Write what the network of each fold predicts of a patient."""
-    predict(
-        predictor="pinnochio.methods.pinnochio.predictor:GraphPredictor",
-        settings={"fem": CONFIG["fem"], "newton_corrections": corrections},
-        names=list(networks),
-        cases=[patient.case],
-        models=[patient.model],
-        plans=[[plan or patient.plan]],
-        trained=list(networks.values()),
-        lifts=[lift] if lift else [],
-        truths=[],
-        covariates=[],
-        device="cpu",
-        threads=1,
-        predictions=[ensemble],
-    )
+    files = {"trained": list(networks.values()), "lifts": [lift] if lift else [], "covariates": []}
+    settings = {"fem": CONFIG["fem"], "newton_corrections": corrections}
+    predict_by("pinnochio.predictor:GraphPredictor", patient, ensemble, plan=plan, names=networks, **files, **settings)
 
 
 def predict_by(
-    predictor: str, patient, predictions: str, model=None, trained=None, plan=None, truths=(), **settings
-) -> None:
-    """Write the predictions of a patient by the method of a module, on its model and plan or others."""
+    predictor: str, patient, predictions: str, model=None, trained=(), plan=None, truths=(), lifts=(), covariates=None,
+    names=(), **settings,
+) -> None:  # fmt: skip
+    """Write the predictions of a patient by the method of a module, on its model and plan or others; names: of folds,
+    one for each file of `trained`."""
     predict(
         predictor=f"pinnochio.methods.{predictor}",
         settings=settings,
-        trained=[trained] if trained else [],
-        names=[patient.case],
+        trained=[trained] if isinstance(trained, str) else trained,
+        names=list(names) or [patient.case],
         cases=[patient.case],
         models=[model or patient.model],
-        lifts=[],
+        lifts=lifts,
         plans=[[plan or patient.plan]],
         truths=truths,
-        covariates=[patient.covariates],
+        covariates=[patient.covariates] if covariates is None else covariates,
         device="cpu",
         threads=1,
         predictions=[predictions],

@@ -18,12 +18,12 @@ from scripts.cohort.carry_truth import carry_truth
 from scripts.patient.label_interfaces import label_case
 from scripts.patient.make_lift import write_lift
 from scripts.patient.model_lips import refine_lips
-from scripts.prediction.predict import predict
 from scripts.tables.evaluate import evaluate
 from scripts.training.finetune import finetune
 from scripts.training.fit import fit
 from scripts.training.pretrain import pretrain
 from tests.helpers.settings import CONFIG, SEED
+from tests.helpers.training import predict_by
 
 STEPS = {"steps": 2, "batch": 1, "validation": 0}
 SMALL = {"boundary_layers": 1, "volume_layers": 1, "rest_layers": 1, "channels": 16}
@@ -110,23 +110,12 @@ class Fold:
     def predicted(self, method: str, trained: str | None) -> str:
         """The file of the prediction of the patient that is held out."""
         entry, one = self.methods[method], self.held_out
-        batch = self.inputs.prediction.batch("folds/1", method)
+        predictor, settings = entry.predictor, self.inputs.prediction.batch("folds/1", method).settings
         predictions = str(self.folder / f"{method}_predictions.h5")
-        predict(
-            predictor=entry.predictor,
-            settings=batch.settings,
-            trained=[trained] if trained else [],
-            names=[one.case],
-            cases=[one.case],
-            models=[self.model(method)],
-            lifts=self.lift(one, method),
-            plans=[[self.motion(method)]],
-            truths=[one.truth] if entry.truth == "field" else [],
-            covariates=self.known(one, method),
-            device="cpu",
-            threads=1,
-            predictions=[predictions],
-        )
+        files = {"trained": trained or [], "truths": [one.truth] if entry.truth == "field" else []}
+        files |= {"lifts": self.lift(one, method), "covariates": self.known(one, method)}
+        planned = {"model": self.model(method), "plan": self.motion(method)}
+        predict_by(predictor.removeprefix("pinnochio.methods."), one, predictions, **planned, **files, **settings)
         return predictions
 
     def model(self, method: str) -> str:
