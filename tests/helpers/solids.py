@@ -35,7 +35,7 @@ def bent_block(steps=(8, 4, 3), move=6.0, degrees=10.0):
     return points, cells, BoundaryConditions(ends, prescribed)
 
 
-def sphere(radius, count, seed=None):
+def sphere(radius, count):
     """Spiral points and outward normals."""
     k = np.arange(count) + 0.5
     polar, turn = np.arccos(1 - 2 * k / count), np.pi * (1 + 5**0.5) * k

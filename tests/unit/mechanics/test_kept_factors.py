@@ -115,16 +115,6 @@ def test_another_tissue_on_the_same_factors_as_by_newton():
     np.testing.assert_array_equal(again.displacement, first.displacement)
 
 
-def test_a_small_head_as_by_newton():
-    model, settings = tiny_patient(), fem_settings(tolerance=1e-8)
-    newton, solver = replace(settings, kept_factors=False), Simulator(model, settings)
-    for plan in (tiny_plan(), tiny_plan(3, 2, -1, -4)):
-        (result,), (exact,) = solver.solve([plan]), simulate(model, [plan], newton)
-        assert result.kept
-        np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
-    solver.close()
-
-
 def test_what_does_not_converge_goes_to_newton_and_stops_no_other(monkeypatch):
     points, cells, boundary = bent_block()
     law, options = material(len(cells)), fem_settings()
@@ -230,15 +220,6 @@ def test_dead_forces_differ_from_plan_to_plan():
     for result, load in ((first, None), (second, Loads(forces))):
         (exact,) = simulate(model, [plan], newton, loads=load)
         np.testing.assert_allclose(result.displacement, exact.displacement, rtol=0, atol=1e-5)
-
-
-def test_without_the_setting_newton_solves():
-    model, plan, settings = tiny_patient(), tiny_plan(), fem_settings(kept_factors=False)
-    (result,) = simulate(model, [plan], settings, arm="bonded")
-    exact = solve(
-        model.points, model.cells, settings.material(model.tissue), boundary_conditions(model, plan, "bonded"), settings
-    )
-    np.testing.assert_array_equal(result.displacement, exact.displacement)
 
 
 @pytest.mark.parametrize("arm", ["bonded", "mucosa"])

@@ -17,7 +17,7 @@ from pinnochio.mechanics.problems import box, uniform
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.plans.plan import RigidMotion
 from tests.helpers.settings import fem_settings
-from tests.helpers.solids import both, extruded, plane, solved
+from tests.helpers.solids import both, extruded, plane, solved, sphere
 
 DEFAULT = VOLUMETRIC[0]
 
@@ -298,10 +298,8 @@ def bent_over_a_ball(turn, shift, volumetric, noise=0.6):
     points += np.random.default_rng(0).uniform(-noise, noise, points.shape)
     turning = RigidMotion.from_degrees([5, 20, 0], [-3.0, 2.0, -6.0], [40, 10, 7])
     lift = RigidMotion.from_degrees([0, 10, 30], [1.0, -0.5, 2.0], [20, 10, -40])
-    k = np.arange(6000) + 0.5
-    polar, turned = np.arccos(1 - 2 * k / 6000), np.pi * (1 + 5**0.5) * k
-    normals = np.column_stack([np.cos(turned) * np.sin(polar), np.sin(turned) * np.sin(polar), np.cos(polar)])
-    ball = 40 * normals + [20, 10, -40]
+    ball, normals = sphere(40, 6000)
+    ball = ball + [20, 10, -40]
 
     def mapped(motion):
         return RigidMotion(turn @ motion.rotation @ turn.T, turn @ motion.translation, turn @ motion.pivot + shift)
