@@ -45,5 +45,5 @@ def test_deformities_do_what_they_are_called(cohorts):
 
 
 def test_unknown_deformity_is_refused():
-    with pytest.raises(ValueError, match="class_ii, class_iii"):
+    with pytest.raises(ValueError, match="unknown deformity 'class_iv'.*class_ii, class_iii"):
         sample_patient(np.random.default_rng(0), "class_iv")

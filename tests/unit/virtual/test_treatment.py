@@ -179,6 +179,8 @@ def test_description_says_what_was_sampled_and_what_the_plan_does(tmp_path):
         assert ("chin_forward" in described["plan"]) == (number == 0)
         assert described["procedure"] == ("bimaxillary, genioplasty" if number == 0 else "bimaxillary")
         assert len(described["thickness"]) == 12
+        assert described["scanned"]["identity"] == p.scanned.identity
+        assert described["scanned"]["normal"]["overjet"] == p.scanned.normal.overjet != p.overjet
         rows.append(described | {"case": f"V{number}"})
     assert rows[1]["cephalometry"]["convexity"] < rows[0]["cephalometry"]["convexity"]  # Class III is flatter
     table = summarise(rows)
