@@ -1,11 +1,9 @@
 """The muscle layer of segmentations without one: the rule, its agreement with labelled muscles, and a single layer."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-import torch
 from scipy import ndimage
 
 from pinnochio.errors import InputError
@@ -14,17 +12,13 @@ from pinnochio.mechanics.elements.tetrahedra import jacobians
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.meshing.interfaces import label_interfaces
 from pinnochio.meshing.tetrahedralize import tetrahedralize
-from pinnochio.methods.pinnochio.losses import physics_loss, volume_loss
-from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.metrics.validity import volume_metrics
-from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, TISSUES, segment_code
-from pinnochio.model.patient import BONE_SUPERFICIAL, FREE, MOVING, NO_INTERFACE, SLIDING, PatientModel
+from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL, segment_code
+from pinnochio.model.patient import BONE_SUPERFICIAL, FREE, MOVING, NO_INTERFACE, SLIDING
 from pinnochio.model.surfaces import bone_surface, skin_surface
-from pinnochio.networks.building import build
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.virtual.procedures import DEFORMITIES
-from tests.helpers.patients import tiny_patient, tiny_plan
-from tests.helpers.settings import fem_settings, network_settings
+from tests.helpers.settings import fem_settings
 from tests.helpers.virtual_heads import virtual_head
 
 SPACING = np.array([2.0, 1.0, 1.0])
@@ -126,39 +120,3 @@ def test_a_single_layer_runs_through_interfaces_and_finite_elements(heads):
     assert result.displacement[:, 1].max() > 1.9
     metrics = volume_metrics(patient.points, patient.cells, patient.tissue, result.displacement)
     assert np.isnan(metrics["volume_change_muscle"]) and abs(metrics["volume_change_superficial"]) < 1
-
-
-def single_layer() -> PatientModel:
-    model = tiny_patient()
-    kind = np.where(model.interface_kind > NO_INTERFACE, BONE_SUPERFICIAL, NO_INTERFACE)
-    kind[model.node_beyond < 0] = NO_INTERFACE
-    tissue = np.full_like(model.tissue, TISSUES["superficial"])
-    return replace(model, tissue=tissue, interface_kind=kind.astype(np.int8), muscle="single")
-
-
-@pytest.mark.parametrize("decomposition", [True, pytest.param(False, marks=pytest.mark.full)])
-def test_networks_learn_on_a_single_layer(decomposition):
-    model, plan = single_layer(), tiny_plan()
-    patient = PatientTensors.build(model, FEM.material(model.tissue), "patch", network_settings())
-    settings = network_settings(boundary_layers=1, volume_layers=1, channels=8, heads=2, decomposition=decomposition)
-    torch.manual_seed(0)
-    network = build(settings)
-    target = torch.as_tensor(model.reference_cue(plan)[0], dtype=torch.float32)
-    optimizer = torch.optim.AdamW(network.parameters(), lr=3e-3)
-    losses = []
-    for _ in range(25):
-        prediction = network(patient.anatomy, patient.signal(plan))
-        data = volume_loss(prediction.displacement, target)
-        loss = data + 1e-4 * physics_loss(patient.operator, patient.free, prediction.displacement)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        losses.append(data.item())
-    assert torch.isfinite(prediction.displacement).all() and losses[-1] < 0.7 * losses[0]
-    assert not len(patient.anatomy.muscle_nodes)
-
-
-def test_the_model_keeps_the_word(tmp_path):
-    for word in ("labelled", "derived", "single"):
-        replace(tiny_patient(), muscle=word).write(tmp_path / "model.h5")
-        assert PatientModel.read(tmp_path / "model.h5").muscle == word

@@ -1,5 +1,7 @@
 """Lip nodes on the block face, whose slit is known, and on none where there is no mouth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -107,9 +109,11 @@ def test_what_makes_a_face_a_lip():
     assert not lip_nodes(points, faces, airy, on_bone, mouth[:0]).any()
 
 
-def test_lips_are_kept_in_the_file(folded, tmp_path):
-    folded.write(tmp_path / "model.h5")
-    np.testing.assert_array_equal(PatientModel.read(tmp_path / "model.h5").lip, folded.lip)
+def test_lips_and_the_muscles_source_are_kept_in_the_file(folded, tmp_path):
+    replace(folded, muscle="derived").write(tmp_path / "model.h5")
+    read = PatientModel.read(tmp_path / "model.h5")
+    np.testing.assert_array_equal(read.lip, folded.lip)
+    assert read.muscle == "derived"
     assert folded.lip.dtype == np.int8
     without = {name: value for name, value in vars(folded).items() if name != "lip"}
     assert not PatientModel(**without).lip.any() and PatientModel(**without).lip.shape == folded.lip.shape

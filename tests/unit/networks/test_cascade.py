@@ -69,16 +69,8 @@ def test_mirrored_pass_equals_mirrored_patient():
     flip = np.array([-1.0, 1.0, 1.0])
     patient = tensors(model)
     signal = patient.signal(plan)
-    twin = replace(
-        tensors(
-            replace(
-                model,
-                points=model.points * flip,
-                bone_points=model.bone_points * flip,
-                cells=model.cells[:, [0, 2, 1, 3]],
-            )
-        )
-    )
+    flipped = {"points": model.points * flip, "bone_points": model.bone_points * flip}
+    twin = tensors(replace(model, **flipped, cells=model.cells[:, [0, 2, 1, 3]]))
     mirrored = torch.tensor(flip, dtype=torch.float32)
     twin_signal = replace(signal, bone=signal.bone * mirrored, cue=signal.cue * mirrored)
     network = shaken()
@@ -144,6 +136,9 @@ def test_patient_without_muscle_is_solved():
     assert sorted(patient.anatomy.superficial_nodes.tolist()) == list(range(len(model.points)))
     assert torch.equal(displacement[patient.anatomy.superficial_nodes], outputs["superficial"])
     assert displacement.abs().min() > 0
+    displacement.square().sum().backward()
+    gradients = [weight.grad for weight in network.superficial.parameters() if weight.grad is not None]
+    assert all(torch.isfinite(gradient).all() for gradient in gradients) and any(map(torch.any, gradients))
 
 
 @pytest.mark.parametrize("volume_layers", [0, 2])
