@@ -191,5 +191,5 @@ def test_too_few_patients_are_said_to_be_so(patients, ensembles, training, tmp_p
     assert set(Calibration.read(files[0]).half_width.values()) == {None}
     assert pd.read_csv(files[1])["coverage_mean"].isna().all()
     patient = patients[0]
-    with pytest.raises(InputError, match="too few"):
+    with pytest.raises(InputError, match="2 patients are too few"):
         predicted(patient, ensembles[patient.case], files[0], training, str(tmp_path / "i.h5"))

@@ -6,7 +6,6 @@ import pandas as pd
 import pytest
 
 from pinnochio.virtual.case_files import FILES
-from pinnochio.virtual.ground_truth import EFFECTS
 
 
 @pytest.fixture(scope="module")
@@ -23,11 +22,6 @@ def test_every_file_is_there_and_summed_up(cohort):
             assert f"V{number:02d}/{name}" in listed
     checked = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=cohort, capture_output=True, text=True)
     assert checked.returncode == 0, checked.stdout[-2000:]
-
-
-def test_data_card_holds_the_effects(cohort):
-    card = (cohort / "README.md").read_text()
-    assert all(f"`{name}`" in card for name in EFFECTS)
 
 
 def test_soft_tissue_follows_the_bone(cohort):

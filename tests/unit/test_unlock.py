@@ -3,11 +3,9 @@
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-from tests.helpers.settings import ROOT
 from workflow.unlock import processes, unlock
 
 WAIT = "import time; time.sleep(100)"
@@ -54,8 +52,3 @@ def test_a_study_that_runs_is_left_alone(folder):
     finally:
         study.kill()
         job.kill()
-
-
-def test_the_makefile_and_the_readme_say_how():
-    assert "workflow/unlock.py" in (ROOT / "Makefile").read_text()
-    assert "make unlock" in Path(ROOT / "README.md").read_text()

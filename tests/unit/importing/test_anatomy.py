@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pinnochio.errors import InputError
-from pinnochio.importing.anatomy import check_anatomy
 from pinnochio.model.labels import internal_codes
 from tests.helpers import tools
 from tests.helpers.virtual_heads import virtual_head
@@ -71,14 +70,6 @@ def test_a_head_without_sides_still_may_not_look_backwards(head, tmp_path):
         imported(
             tmp_path, head, uncut(head), segments=UNCUT, values=internal_codes(UNCUT), direction=np.diag([-1, -1, 1])
         )
-
-
-def test_exchanged_teeth_are_refused(head):
-    upper, lower = head.labels == 11, head.labels == 12
-    spacing = np.full(3, SPACING)
-    check_anatomy(head.labels, spacing, head.segments, "LPS", "P1", "f", upper, lower)
-    with pytest.raises(InputError, match="upper teeth lie below the lower"):
-        check_anatomy(head.labels, spacing, head.segments, "LPS", "P1", "f", lower, upper)
 
 
 def piece(head, value=77):

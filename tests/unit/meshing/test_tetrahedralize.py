@@ -13,10 +13,8 @@ from pinnochio.geometry.mesh_topology import adjacency
 from pinnochio.meshing.fields import is_tissue, signed_distance, without_specks
 from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.labels import AIR, CRANIUM, MUSCLE, SUPERFICIAL
-from tests.helpers.settings import DATA
 from tests.helpers.virtual_heads import virtual_head
 
-ARTISYNTH = DATA / "artisynth_face/labels_1mm.nii.gz"
 ORIGIN = np.array([-10.0, 4.0, 7.0])
 
 
@@ -265,22 +263,6 @@ def test_bad_input(change, words):
     arguments = {"labels": np.ones((9, 9, 9), np.uint8), "spacing": (1, 1, 1), "origin": (0, 0, 0), "target_nodes": 100}
     with pytest.raises(InputError, match=words):
         tetrahedralize(**(arguments | change))
-
-
-@pytest.mark.full  # headsq, in tests/study, stands in every run
-def test_real_head():
-    if not ARTISYNTH.exists():
-        pytest.skip(f"the ArtiSynth face is not at {ARTISYNTH}")
-    sitk = pytest.importorskip("SimpleITK")
-    image = sitk.ReadImage(str(ARTISYNTH))
-    labels = sitk.GetArrayFromImage(image).transpose(2, 1, 0)
-    spacing, origin = np.array(image.GetSpacing()), np.array(image.GetOrigin())
-    mesh = tetrahedralize(labels, spacing, origin, 5000)
-    check(mesh, 5000)
-    shared, strayed = across(mesh, labels, spacing, origin, [30, -12, 88], [56, 12, 106])
-    assert shared == 0 and strayed < 0.1
-    for code in (MUSCLE, SUPERFICIAL):
-        assert tissue_volume(mesh, code) == pytest.approx((labels == code).sum(), rel=0.1)
 
 
 @pytest.mark.parametrize("deformity", ["class_iii", pytest.param("open_bite", marks=pytest.mark.full)])

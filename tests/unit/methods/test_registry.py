@@ -46,11 +46,6 @@ def test_methods_that_predict_new_patients_are_those_that_need_no_fold_of_theirs
     assert methods["pinnochio_plus"].new_patients and not methods["acmt"].new_patients
 
 
-@pytest.mark.parametrize(("name", "lift"), [("pinnochio", "none"), ("pinnochio_plus", "elastic"), ("acmt", "none")])
-def test_a_method_says_which_lift_its_network_wants(name, lift):
-    assert registry(CONFIG)[name].lift == lift
-
-
 def test_variants_are_overlays_and_leave_the_rest_alone():
     networks = graph_networks(CONFIG)
     assert networks["pinnochio"] == {

@@ -205,12 +205,6 @@ def test_other_segments_are_refused_unless_allowed(tmp_path):
     assert chosen(tmp_path).archive.segments[0] == CONFIG["segments"][-1]
 
 
-@pytest.mark.parametrize("method", ["fem_sliding", "fem_bonded", "elastic"])
-def test_a_method_without_training_needs_no_archive(tmp_path, method):
-    choice = chosen(tmp_path / "nowhere", method=method)
-    assert choice.settings["mesh"] == CONFIG["mesh"] and not choice.files and not choice.networks
-
-
 def test_millimetres_or_seconds_choose_finite_elements_and_not_both(tmp_path):
     choice = chosen(tmp_path / "nowhere", accuracy=0.2)
     assert (choice.method, choice.settings["fem"]["accuracy"], choice.seconds) == ("fem_sliding", 0.2, None)

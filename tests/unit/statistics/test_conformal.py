@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinnochio.columns import check, read_table
-from pinnochio.errors import InputError
 from pinnochio.metrics.judged import Judged
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.postop import PostopSkin
@@ -266,13 +265,6 @@ def test_the_interval_widens_where_models_disagree_and_never_narrows(block, cali
         width = interval(patient, models(patient, [-spread, 0, spread]), calibration).half_width[top]
         assert (width >= q).all()
         assert np.allclose(width**2 - q**2, 1.6448536**2 * max(0, spread**2 - 0.16))
-
-
-def test_nothing_calibrated_is_refused(block, calibration):
-    patient, _ = block
-    nothing = replace(calibration, half_width=dict.fromkeys(NAMES), patients=6)
-    with pytest.raises(InputError, match="6 patients are too few"):
-        interval(patient, models(patient, [0, 1]), nothing)
 
 
 def test_calibration_and_interval_come_back_from_disk(block, calibration, tmp_path):

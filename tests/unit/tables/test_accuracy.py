@@ -234,13 +234,6 @@ def test_the_twins_hold_the_numbers_of_the_csv(cases, tmp_path):
     assert back["reference"].tolist() == [False, False, True]
 
 
-def test_below_six_patients_there_is_no_star(cases, tmp_path):
-    write(table(summarise(cases[cases["case"] < "V5"]), "virtual cohort"), tmp_path / "accuracy.csv")
-    text = (tmp_path / "accuracy.md").read_text()
-    assert "No p is shown" in text and "p vs reference" not in text and "\\*" not in text.split("\n\n")[0]
-    assert "virtual cohort" in text
-
-
 @pytest.fixture
 def bounded(cases):
     """Fixed distances to the floor: the reference half way from finite elements to it, one method worse than these."""
