@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
 
 from pinnochio.plans.plan import Plan
@@ -109,10 +108,8 @@ def test_a_person_moves_turns_and_saves_and_the_plan_is_predicted(clinic, page):
     assert "patients/P01/mine/pinnochio_plus/index.html" in predicting(clinic).stdout
 
 
-def test_it_listens_on_the_loopback_alone_and_asks_nobody_else(address, page):
+def test_the_page_asks_nobody_else(address, page):
     port = int(re.search(r":(\d+)/", address)[1])
-    listening = [entry.laddr for entry in psutil.net_connections() if entry.status == psutil.CONN_LISTEN]
-    assert {place.ip for place in listening if place.port == port} == {"127.0.0.1"}
     assert page.addresses and not page.wrong
     assert all(url.startswith((f"http://127.0.0.1:{port}/", "data:", "blob:")) for url in page.addresses)
 

@@ -1,9 +1,7 @@
 """All plans of a patient on one page: what it says, and that it works offline in Chromium."""
 
-import importlib.util
 import io
 import re
-import shutil
 
 import numpy as np
 import pandas as pd
@@ -18,10 +16,9 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.surgery import AMOUNTS, motion_of
 from pinnochio.report.plans import ComparedPlan, write_plans
 from pinnochio.statistics.intervals import Calibration, Interval
-from tests.helpers.browser import uncaught
+from tests.helpers.browser import DRIVEN, chromium, uncaught
 from tests.helpers.virtual_heads import face_alone
 
-CHROMIUM = shutil.which("chromium")
 PATIENCE = 300_000  # ms
 JAW = "mandible_distal"
 
@@ -58,15 +55,10 @@ def test_it_says_what_each_plan_does_and_comes_to(page):
     assert page[1].loc[("advance", "pog_forward"), "change"] == 5
 
 
-@pytest.mark.full
-@pytest.mark.skipif(not (CHROMIUM and importlib.util.find_spec("playwright")), reason="no chromium, or no playwright")
+@DRIVEN[0]
+@DRIVEN[1]
 def test_it_works_offline_and_leaves_the_scrolling_to_the_page(page):
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as play:
-        browser = play.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", "--use-gl=swiftshader", "--enable-unsafe-swiftshader"]
-        )
+    with chromium() as browser:
         context = browser.new_context(viewport={"width": 1280, "height": 500}, offline=True)
         shown = context.new_page()
         shown.set_default_timeout(PATIENCE)
@@ -96,5 +88,4 @@ def test_it_works_offline_and_leaves_the_scrolling_to_the_page(page):
         shown.mouse.wheel(0, -100)
         shown.wait_for_timeout(1000)
         assert shown.evaluate("window.scrollY") == top
-        browser.close()
     assert not wrong
