@@ -10,9 +10,6 @@ import numpy as np
 
 from tests.helpers.study import good_labels, moving, write_case
 
-CODES = {"superficial": 1, "muscle": 2, "cranium": 10, "lefort1": 11, "mandible_distal": 12}
-CODES |= {"proximal_left": 13, "proximal_right": 14}
-
 
 def without(code):
     labels = good_labels()
@@ -26,21 +23,11 @@ def not_a_number():
     return labels
 
 
-def run(project, rows, *config, target="meshes", dry=False):
+def run(project, rows, *config, target="meshes"):
     table = project.folder / "cases.tsv"
     table.write_text("case\tsegmentation\tplan\tpostop\n" + "".join(rows))
     config = ("--config", "cohort=cases.tsv", "folds=2", *config)
-    return (project.dry_run if dry else project.snakemake)("--keep-going", *config, "--", target, cores=1)
-
-
-def check(project, rows, *said, config=(), dry=False):
-    done = run(project, rows, *config, dry=dry)
-    assert done.returncode != 0
-    for words in (*said, "Remedy: "):
-        assert re.search(words, done.stdout), f"{words}: {done.stdout[-3000:]}"
-    cases = project.folder / "results/cases"
-    left = {path.name for path in cases.rglob("*") if path.is_file()} if cases.exists() else set()
-    assert not left & {"mesh.vtu", "model.h5"} and not any(re.match(r"\.\d+\.", name) for name in left), left
+    return project.snakemake("--keep-going", *config, "--", target, cores=1)
 
 
 def test_every_bad_case_is_refused_by_name(project):
@@ -53,22 +40,12 @@ def test_every_bad_case_is_refused_by_name(project):
     }
     rows = [write_case(project.folder, name, **defect) for name, (defect, _, _) in defects.items()]
     said = [rf"'{name}': [^\n]*{name}\.{suffix}[^\n]*{words}" for name, (_, suffix, words) in defects.items()]
-    check(project, rows, *said, config=["unlabelled_muscle=refuse"])
-
-
-def test_a_table_that_names_a_missing_file_or_a_case_twice_is_refused(project):
-    row = write_case(project.folder)
-    check(project, [row, row], r"'P1': [^\n]*cases\.tsv[^\n]*two rows carry this name", dry=True)
-    (project.folder / "P1.ply").unlink()
-    check(project, [row], r"'P1': [^\n]*P1\.ply[^\n]*does not exist", dry=True)
-
-
-def test_a_case_without_muscle_goes_in_by_rule(project):
-    row = write_case(project.folder, labels=without(2))
-    done = run(project, [row], target="results/cases/P1/import.json")
-    assert done.returncode == 0, done.stdout[-3000:]
-    said = json.loads((project.folder / "results/cases/P1/import.json").read_text())
-    assert said["muscle"] == "derived" and said["volume_cm3"]["muscle"] > 10
+    done = run(project, rows, "unlabelled_muscle=refuse")
+    assert done.returncode != 0
+    for words in (*said, "Remedy: "):
+        assert re.search(words, done.stdout), f"{words}: {done.stdout[-3000:]}"
+    left = {path.name for path in (project.folder / "results/cases").rglob("*") if path.is_file()}
+    assert not left & {"mesh.vtu", "model.h5"} and not any(re.match(r"\.\d+\.", name) for name in left), left
 
 
 def test_what_was_good_and_is_no_longer_is_refused_each_time(project):

@@ -195,11 +195,6 @@ def test_a_locked_cohort_is_packed_without_its_outcomes_until_they_are_revealed(
     assert "results/locked/virtual/V01/segmentation.nii.gz" in said and "results/virtual/" not in said
 
 
-def test_procedures_need_their_segments_in_the_vocabulary(project):
-    done = project.dry_run("--config", "segments=[lefort1, mandible_distal, proximal_left, proximal_right]")
-    assert done.returncode != 0 and "mandible" in done.stdout and "virtual.procedures" in done.stdout
-
-
 def test_the_learning_curve_trains_on_fewer_and_holds_out_the_same(project):
     """Metrics of fewer patients come from jobs of their own; those of all are the study's own.
 

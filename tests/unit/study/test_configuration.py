@@ -11,6 +11,7 @@ from pinnochio.seeds import derive_seed
 from pinnochio.study.cohort import read_cohort, virtual_cases
 from pinnochio.study.configuration import check_config
 from pinnochio.study.folds import assign_folds
+from pinnochio.virtual.procedures import Procedure
 from tests.helpers.settings import CONFIG
 
 HEADER = "case\tsegmentation\tplan\tpostop\n"
@@ -119,6 +120,7 @@ def test_seed_depends_on_base_stage_and_key():
     ("keys", "value", "problem"),
     [
         (("segments",), ["lefort1", "ramus"], "ramus"),
+        (("segments",), list(Procedure().segments), r"segments \[.*'mandible'.*lacks.*'virtual.procedures'"),
         (("labels", "muscle"), 1, "share one value"),
         (("reference",), "fscnet", "not among 'methods'"),
         (("external",), {"fem_sliding": "elsewhere"}, "'fem_sliding' is the name of a built-in"),
