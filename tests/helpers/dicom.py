@@ -56,10 +56,8 @@ def save_frames(path, voxels, direction, spacing, origin, left_out=()):
     slices = scan_slices(values.shape, direction, spacing, origin, values)
     kept = [one for number, one in enumerate(slices) if number not in left_out]
     uids = generate_uid(entropy_srcs=["frames"]), 1, generate_uid(entropy_srcs=["file"]), 1
-    made, order = (
-        highdicom.legacy.LegacyConvertedEnhancedCTImage(kept, *uids),
-        np.random.default_rng(0).permutation(len(kept)),
-    )
+    made = highdicom.legacy.LegacyConvertedEnhancedCTImage(kept, *uids)
+    order = np.random.default_rng(0).permutation(len(kept))
     pixels = np.frombuffer(made.PixelData, np.int16).reshape(len(kept), -1)
     made.PixelData = pixels[order].tobytes()
     made.PerFrameFunctionalGroupsSequence = [made.PerFrameFunctionalGroupsSequence[number] for number in order]

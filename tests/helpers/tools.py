@@ -66,11 +66,8 @@ def scan(head: Head, air=-1000.0, tissue=40.0, bone=900.0, noise=40.0) -> np.nda
 
 def arches(head: Head, motion: RigidMotion) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Points and faces of both arches, 14 mm deep, the lower one moved by `motion`, in a scanner's frame with noise."""
-    bone, rng, made = (
-        bone_surface(head.labels, head.spacing, head.origin, head.segments, 0.8),
-        np.random.default_rng(1),
-        {},
-    )
+    bone = bone_surface(head.labels, head.spacing, head.origin, head.segments, 0.8)
+    rng, made = np.random.default_rng(1), {}
     jaws = {"upper": bone.part(0), "lower": bone.part(1)}
     for (name, jaw), other in zip(jaws.items(), reversed(jaws.values()), strict=True):
         points, faces = _beside(jaw.points, jaw.faces, other.points, 14.0)
@@ -87,7 +84,7 @@ def save_arches(folder, scans, names=("upper", "lower")):
     return folder
 
 
-def write(path, values, head: Head, direction=None, spacing=None, origin=None):
+def write(path, values, head: Head | None, direction=None, spacing=None, origin=None):
     """Write values (nx, ny, nz) on the head's grid, or with this header."""
     image = sitk.GetImageFromArray(np.ascontiguousarray(np.asarray(values).transpose(2, 1, 0)))
     image.SetSpacing([float(size) for size in (head.spacing if spacing is None else spacing)])

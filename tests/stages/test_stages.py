@@ -213,10 +213,8 @@ def test_tables_come_from_the_metrics(predicted, patient, tmp_path):
 
 def test_the_cost_is_read_from_networks_and_benchmark_files(predicted, tmp_path):
     folder = Path(predicted["pinnochio"]).parent
-    files, curves = (
-        [str(folder / "network.pt")],
-        [str(folder / f"{name}.csv") for name in ("pretraining", "finetuning")],
-    )
+    files = [str(folder / "network.pt")]
+    curves = [str(folder / f"{name}.csv") for name in ("pretraining", "finetuning")]
     for rule, seconds in (("pretrain", 12.5), ("finetune", 2.5)):
         folder = tmp_path / "benchmarks" / rule
         folder.mkdir(parents=True)

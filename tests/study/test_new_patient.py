@@ -12,7 +12,7 @@ import pytest
 from tests.helpers.settings import ROOT
 from tests.helpers.study import Project, jobs
 
-METHOD = "pinnochio_plus"
+METHOD, QUICK = "pinnochio_plus", ("--configfile", "config/quick.yaml")
 SHARED = ("import_segmentation", "model_patient", "show_quality")
 TRAINING = {"pretrain", "finetune", "model_case", "calibrate", "describe_training", "pack", "virtual_patient"}
 
@@ -106,7 +106,7 @@ def test_an_older_plan_in_place_of_a_newer_one_is_imported(clinic, predicted):
 
 
 def test_without_models_a_prediction_is_refused_before_anything_is_made(clinic):
-    done = clinic.snakemake("--configfile", "config/quick.yaml", "--config", "patient=P01", "--", "predict")
+    done = clinic.snakemake(*QUICK, "--config", "patient=P01", "--", "predict")
     assert done.returncode != 0
     for words in ("there is no archive of trained models", "snakemake archive", "'models'", "Remedy: "):
         assert words in done.stdout, done.stdout[-2000:]
@@ -139,10 +139,7 @@ def test_the_example_patient_is_predicted_right_away(tmp_path):
 
 
 def test_one_process_keeps_what_the_rules_made(clinic, predicted):
-    words, folder = (
-        ("patient=P01", "models=packed", "--configfile", "config/quick.yaml"),
-        clinic.folder / "results/quick",
-    )
+    words, folder = ("patient=P01", "models=packed", *QUICK), clinic.folder / "results/quick"
     said = at_once(clinic, *words).splitlines()[-1]
     assert said.endswith(f"results/quick/patients/P01/plans_{METHOD}.html") and "extreme" in said
     log = (folder / "logs/predict/P01.log").read_text()

@@ -5,7 +5,6 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 import pyvista as pv
-import SimpleITK as sitk
 import trimesh
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
@@ -19,7 +18,7 @@ from pinnochio.meshing.tetrahedralize import tetrahedralize
 from pinnochio.model.labels import internal_codes
 from pinnochio.model.surfaces import bone_surface, contour, skin_surface
 from tests.helpers.dicom import save_dicom_seg
-from tests.helpers.tools import write_seg_nrrd
+from tests.helpers.tools import write, write_seg_nrrd
 
 SEGMENTS = ("lefort1", "mandible")
 STRUCTURES = tuple(internal_codes(SEGMENTS))
@@ -79,14 +78,6 @@ def directions():
             yield np.eye(3)[:, order] * signs
 
 
-def write_image(path, values, direction, spacing, origin):
-    image = sitk.GetImageFromArray(np.ascontiguousarray(values.T))
-    image.SetSpacing(spacing.tolist())
-    image.SetOrigin(origin.tolist())
-    image.SetDirection(direction.ravel().tolist())
-    sitk.WriteImage(image, str(path))
-
-
 def write_head(path, suffix, direction, spacing, place, shift=(0.0, 0.0, 0.0)):
     points, origin = grid(direction, spacing, place, shift=shift)
     frame = (direction, spacing, origin)
@@ -94,7 +85,7 @@ def write_head(path, suffix, direction, spacing, place, shift=(0.0, 0.0, 0.0)):
         lookup = np.zeros(20, np.int16)
         for name, code in CODES.items():
             lookup[code] = VALUES[name]
-        write_image(path, lookup[codes_at(points)], *frame)
+        write(path, lookup[codes_at(points)], None, *frame)
         return VALUES
     # Solid structures that overlap, as they are painted: the head in one layer, muscle and bones in two others.
     layer_of = {"superficial": 0, "muscle": 1, "cranium": 2, "lefort1": 2, "mandible": 2}

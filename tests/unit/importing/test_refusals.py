@@ -15,6 +15,7 @@ from pinnochio.model.surfaces import bone_surface, skin_surface, write_surface
 from scripts.patient.import_plan import import_plan
 from scripts.patient.register_postop import register_postop
 from studies.planner.scan import read_scan
+from tests.helpers import tools
 from tests.helpers.coarse_head import IMPORTED, import_head
 from tests.helpers.virtual_heads import virtual_head
 
@@ -45,10 +46,7 @@ def changed(*box, code, clear=None):
 
 
 def write_image(path, labels, spacing=3.0):
-    image = sitk.GetImageFromArray(np.asarray(labels).transpose(2, 1, 0))
-    image.SetSpacing((spacing,) * 3)
-    sitk.WriteImage(image, str(path))
-    return path
+    return tools.write(path, labels, None, spacing=(spacing,) * 3, origin=np.zeros(3))
 
 
 def motion(**parts):
@@ -150,6 +148,12 @@ def skin_of(deformity="asymmetry", mirrored=False):
     return make
 
 
+def noisy_scan():
+    """The skin's points, these with the noise that no scanner is without, and its faces wound inward, to be mended."""
+    points, faces = skin_of()()
+    return points, points + np.random.default_rng(0).normal(scale=0.05, size=points.shape), faces[:, ::-1]
+
+
 def flat():
     plane = pv.Plane(i_size=150, j_size=200, i_resolution=60, j_resolution=60, direction=(0, -1, 0)).triangulate()
     return np.asarray(plane.points, float), plane.regular_faces
@@ -245,16 +249,13 @@ def test_the_same_without_the_fault_goes_in(tmp_path):
     of_labels(changed(code=0, clear=2), unlabelled="single")(tmp_path / "unlabelled")
     assert json.loads((tmp_path / "unlabelled/out/report.json").read_text())["muscle"] == "single"
     (tmp_path / "scan").mkdir()
-    points, faces = skin_of()()
-    noisy_scan = points + np.random.default_rng(0).normal(scale=0.05, size=points.shape)  # as no scanner is without
-    of_scan(noisy_scan, faces[:, ::-1], limit=0.05)(tmp_path / "scan")  # wound inward, which is mended
+    of_scan(*noisy_scan()[1:], limit=0.05)(tmp_path / "scan")
     assert (tmp_path / "scan/out/postop.h5").exists()
 
 
 def test_the_planner_reads_a_scan_as_the_study_does(tmp_path, from_in_place):
-    points, faces = skin_of()()
-    noisy_scan = points + np.random.default_rng(0).normal(scale=0.05, size=points.shape)
-    of_scan(noisy_scan, faces[:, ::-1])(tmp_path)
+    points, scanned, inward = noisy_scan()
+    of_scan(scanned, inward)(tmp_path)
     (tmp_path / "P1.ply").rename(tmp_path / "Postop.PLY")
     files = {name: str(tmp_path / f"preop/{name}.vtp") for name in ("skin", "bone")}
     settings = {"nasion_above_maxilla": 20.0, "limit": 1.5}
@@ -262,7 +263,7 @@ def test_the_planner_reads_a_scan_as_the_study_does(tmp_path, from_in_place):
     read, turned = read_scan(prepared)
     assert enclosed_volume(read - read.mean(axis=0), turned) > 0
     assert np.abs(read.min(axis=0) - points.min(axis=0)).max() < 1
-    write_surface(1.05 * noisy_scan, faces, tmp_path / "P1.ply")
+    write_surface(1.05 * scanned, inward[:, ::-1], tmp_path / "P1.ply")
     (tmp_path / "P1.ply").rename(tmp_path / "Postop.PLY")
     with pytest.raises(InputError, match="'P1': .*Postop.PLY: (made 0.95. times|registered on the upper face)"):
         read_scan(prepared)
