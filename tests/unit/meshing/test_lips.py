@@ -14,6 +14,7 @@ from pinnochio.model.labels import AIR, SUPERFICIAL
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import bone_surface
 from tests.helpers.heads import ORIGIN, SEGMENTS, block_face
+from tests.helpers.patients import squares
 
 
 def labelled(labels, nodes=2500):
@@ -73,9 +74,7 @@ def sheets(corner, size, gap=1.0):
     """Two flat sheets that face each other, the upper first: points and outward faces; corner (3,), size (2,) mm."""
     grid = np.stack(np.meshgrid(*(np.arange(0, s + 1, 3.0) for s in size), indexing="ij"), -1)
     number = np.arange(grid[..., 0].size).reshape(grid.shape[:2])
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], -1).reshape(-1, 4)
-    up = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
-    flat = grid.reshape(-1, 2)
+    up, flat = squares(number), grid.reshape(-1, 2)
     points = [np.column_stack([flat, np.full(len(flat), z)]) + corner for z in (gap / 2, -gap / 2)]
     return np.vstack(points), np.vstack([up[:, ::-1], up + len(flat)])
 

@@ -24,7 +24,7 @@ from pinnochio.methods.pinnochio.patient import PatientTensors
 from pinnochio.model.labels import MUSCLE, SUPERFICIAL
 from pinnochio.model.patient import FREE
 from pinnochio.networks.signals import InterfaceAndVolume
-from tests.helpers.patients import tiny_patient
+from tests.helpers.patients import squares, tiny_patient
 from tests.helpers.settings import network_settings
 
 
@@ -85,9 +85,7 @@ def grid(n, extent):
     axis = np.linspace(*extent, n)
     index = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
     points = np.column_stack([index, np.zeros(n * n)])
-    number = np.arange(n * n).reshape(n, n)
-    squares = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], -1)
-    return points, squares.reshape(-1, 4)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    return points, squares(np.arange(n * n).reshape(n, n))
 
 
 def surface(patient, shift=(0.0, 0.0, 0.0), **options):

@@ -19,6 +19,7 @@ def test_motion_turns_about_the_pivot():
 
 def test_inverse_undoes_the_motion():
     np.testing.assert_allclose(MOTION.inverse(MOTION.apply(POINTS)), POINTS, atol=1e-10)
+    np.testing.assert_allclose(MOTION.back.apply(MOTION.apply(POINTS)), POINTS, atol=1e-9)
 
 
 def test_fraction_is_rigid_and_ends_at_the_motion():

@@ -47,9 +47,3 @@ def test_words_name_the_way_and_leave_out_what_does_not_move():
     assert in_words(motion_of(REST | {"up": -3, "roll": 0.04}, np.zeros(3)), "chin") == "lengthened 3.0 mm"
     assert in_words(RigidMotion(), "lefort1") == "not moved"
     assert (amount("up", "lefort1").more, amount("up", "proximal_left").more) == ("impact", "up")
-
-
-def test_the_motion_back_undoes_the_motion():
-    motion = RigidMotion.from_degrees([3, -2, 7], [1, -4, 2.5], [10, -60, 5])
-    points = np.random.default_rng(0).normal(0, 40, (20, 3))
-    np.testing.assert_allclose(motion.back.apply(motion.apply(points)), points, atol=1e-9)
