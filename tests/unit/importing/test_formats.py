@@ -357,11 +357,7 @@ def test_surfaces_are_read_by_the_names_of_their_files_and_in_ras(surface_folder
     (surface_folder / "mandible.stl").rename(surface_folder / "Lower jaw.stl")
     shown = pv.read(surface_folder / "muscle.ply")
     shown.save(surface_folder / "sketch.ply")
-    for file in surface_folder.iterdir():
-        if file.suffix != ".txt":
-            mesh = pv.read(file)
-            mesh.points = mesh.points * [-1, -1, 1]
-            mesh.save(file)
+    scaled(surface_folder, [-1, -1, 1])
     head = read_segmentation(surface_folder, "P1", VALUES | {"mandible": "Lower jaw"}, SEGMENTS, "RAS")
     check_surfaces(head, UPRIGHT[2], reference)
     assert "segments 'sketch' are not named" in caplog.text

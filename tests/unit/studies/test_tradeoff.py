@@ -64,14 +64,6 @@ def test_means_over_patients_and_both_fronts():
     assert frame["front_reference"].tolist() == [True, True, True, False, True]
 
 
-def test_what_fails_on_one_patient_is_on_no_pareto_front():
-    measured = rows()
-    measured.loc[(measured["case"] == "B") & (measured["method"] == "slow"), "converged"] = False
-    frame = summarise(measured).set_index("method")
-    assert frame.loc["slow", "failed"] == 1 and not frame.loc["slow", "front_outcome"]
-    assert "slow, turn 1 (1 of 3)" in answers(summarise(measured), "virtual cohort")[3]
-
-
 def test_the_three_questions_are_answered_from_the_rows():
     best, cost, worse, failed = answers(summarise(rows()), "virtual cohort")
     assert "under 0.1 s fast, turn 1 (0.900 mm, 0.01 s) is nearest to the outcome" in best
@@ -90,6 +82,8 @@ def test_a_patient_whose_reference_does_not_converge_stays_but_for_its_distances
     frame = summarise(measured).set_index(["method", "value"])
     assert frame.loc[("fast", "1"), "face_error"] == pytest.approx(0.5 * 1.05) and frame["n"].eq(3).all()
     assert frame["cd"].notna().all() and frame.loc[("slow", "1"), "failed"] == 1
+    assert not frame.loc[("slow", "1"), "front_outcome"]
+    assert "slow, turn 1 (1 of 3)" in answers(summarise(measured), "virtual cohort")[3]
     write_csv(measured, tmp_path / "rows.csv", TRADEOFF_CASES)
     made = {"cases": tmp_path / "rows.csv", "cohort": "virtual cohort"}
     make(tmp_path / "tradeoff.csv", "studies.tradeoff.table", **made)
@@ -186,7 +180,6 @@ def test_table_and_pictures_are_written(tmp_path):
     text = (tmp_path / "tradeoff.md").read_text()
     assert "virtual cohort, n = 3 held-out patients" in text and "What the last 0.1 mm cost" in text
     draw(summarise(rows()), [tmp_path / "a.png", tmp_path / "a.svg"])
-    assert (tmp_path / "a.png").stat().st_size > 20_000
     assert "A demonstration: 3 patients do not tell methods apart" in texts(tmp_path / "a.svg")
     assert len(check(rows(), TRADEOFF_CASES)) == 15
 
