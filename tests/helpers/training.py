@@ -87,11 +87,8 @@ def learn_loads(patients, fitted: str) -> SourceModel:
     """What sliding finite elements leave of the patients' faces, learned; written to `fitted`, too."""
     fit(
         learner="pinnochio.methods.fem_learned:fit",
-        cases=[patient.case for patient in patients],
-        models=[patient.model for patient in patients],
+        **{f"{name}s": [getattr(each, name) for each in patients] for name in ("case", "model", "plan", "postop")},
         fem_samples=[patient.fem_samples for patient in patients],
-        plans=[patient.plan for patient in patients],
-        postops=[patient.postop for patient in patients],
         covariates=[],
         settings={"fem": vars(patients[0].fem)},
         fitted=fitted,

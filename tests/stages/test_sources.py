@@ -112,11 +112,8 @@ def test_what_a_network_leaves_is_learned_too(patients, tmp_path):
     finetune(
         learner="pinnochio.methods.pinnochio.learner:GraphLearner",
         settings=settings,
-        cases=[patient.case for patient in patients],
-        models=[patient.model for patient in patients],
+        **{f"{name}s": [getattr(each, name) for each in patients] for name in ("case", "model", "plan", "postop")},
         lifts=[],
-        plans=[patient.plan for patient in patients],
-        postops=[patient.postop for patient in patients],
         covariates=[patient.covariates for patient in patients],
         pretrained=str(first),
         seed=SEED,

@@ -160,14 +160,8 @@ def predicted(patients, tmp_path_factory) -> dict[str, str]:
     files = {method: str(folder / f"{method}.h5") for method in ("no_change", "fem_sliding", "pinnochio")}
     predict_by("no_change:NoChangePredictor", one, files["no_change"])
     predict_by("finite_elements:FiniteElementPredictor", one, files["fem_sliding"], fem=fem, contact="mucosa")
-    predict_by(
-        "pinnochio.predictor:GraphPredictor",
-        one,
-        files["pinnochio"],
-        trained=last["network"],
-        fem=fem,
-        newton_corrections=0,
-    )
+    network = {"trained": last["network"], "fem": fem, "newton_corrections": 0}
+    predict_by("pinnochio.predictor:GraphPredictor", one, files["pinnochio"], **network)
     return files
 
 

@@ -44,9 +44,8 @@ def test_lips_that_cross_come_into_contact_and_what_is_far_moves_less():
 def test_lips_that_were_closed_close_again_as_far_as_they_may():
     patient, upper = mouth()
     held = held_lips(patient, lifted(patient, upper, 3.0))
-    assert (held.before, held.parted) == pytest.approx((0.5, 3.5), abs=0.01) and held.left == pytest.approx(
-        0.5, abs=0.2
-    )
+    assert (held.before, held.parted) == pytest.approx((0.5, 3.5), abs=0.01)
+    assert held.left == pytest.approx(0.5, abs=0.2)
     wide = held_lips(patient, lifted(patient, upper, 3.0 + CLOSING))
     assert wide.left == pytest.approx(wide.parted - CLOSING, abs=0.3)
 

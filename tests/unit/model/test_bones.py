@@ -38,9 +38,8 @@ def test_the_places_are_where_they_are_whatever_is_cut(models):
     usual = middles(models[PROCEDURES[0]])
     assert tuple(usual) == PLACES
     assert usual["upper_molars_left"][0] > 15 and usual["gonion_right"][0] < -30
-    assert (
-        usual["chin"][2] < usual["lower_incisors"][2] - 15 and usual["upper_incisors"][1] < usual["gonion_left"][1] - 40
-    )
+    assert usual["chin"][2] < usual["lower_incisors"][2] - 15
+    assert usual["upper_incisors"][1] < usual["gonion_left"][1] - 40
     for procedure, model in models.items():
         centres = middles(model)
         lacking = {name for name in PLACES if name.startswith("upper")} if procedure.jaws == MANDIBLE else set()

@@ -76,10 +76,8 @@ def test_each_number_is_compared_over_the_same_patients(rows):
 
 def test_it_is_said_from_how_many_patients_on_a_method_is_better(rows):
     said = enough(summarise(rows))
-    assert (
-        said[0]
-        == "learns against fem_sliding by Chamfer distance: better from 16 training patients on, as far as measured."
-    )
+    words = "learns against fem_sliding by Chamfer distance: better from 16 training patients on, as far as measured."
+    assert said[0] == words
     assert "with up to 32 training patients it is not told apart or worse" in said[2]
     rows["learns", 32] = cases("learns", -0.2)
     assert "not told apart or worse" in enough(summarise(rows))[0]

@@ -110,10 +110,8 @@ def test_patients_without_a_scan_join_the_folds_and_move_nobody(scanned):
 
 def test_seed_depends_on_base_stage_and_key():
     assert derive_seed(1, "a", "b") == 7298789200918546523
-    assert (
-        len({derive_seed(1, "a", "b"), derive_seed(2, "a", "b"), derive_seed(1, "b", "b"), derive_seed(1, "a", "c")})
-        == 4
-    )
+    others = (2, "a", "b"), (1, "b", "b"), (1, "a", "c")
+    assert len({derive_seed(*parts) for parts in ((1, "a", "b"), *others)}) == 4
 
 
 @pytest.mark.parametrize(

@@ -40,25 +40,17 @@ def test_a_virtual_patient_that_is_not_made_leaves_the_others_as_they_are():
 
 def test_learned_methods_need_a_scanned_patient_per_fold():
     learned = [name for name in CONFIG["methods"] if study().methods.registry[name].trains != "no"]
-    assert (
-        study(5).methods.untrained == [] and study(4).methods.untrained == study(0).methods.untrained == learned != []
-    )
+    assert study(5).methods.untrained == []
+    assert study(4).methods.untrained == study(0).methods.untrained == learned != []
     assert study(0, 5, methods=["no_change", "fem_sliding"]).methods.left_out == []
     with pytest.raises(InputError, match="none of 'methods' is left"):
         _ = study(0, 5, methods=["pinnochio"]).methods.left_out
 
 
 def test_bounds_need_the_virtual_truth():
-    clinic, virtual = study(), study(cohort="virtual")
-    assert (
-        clinic.methods.left_out == clinic.methods.unbounded == ["floor_scan", "oracle_learner", "oracle"]
-        and virtual.methods.left_out == []
-    )
-    assert (
-        clinic.methods.bounds == []
-        and virtual.methods.bounds == ["floor_scan", "oracle_learner", "oracle"]
-        and clinic.methods.compared == virtual.methods.compared
-    )
+    clinic, virtual = study().methods, study(cohort="virtual").methods
+    assert clinic.left_out == clinic.unbounded == virtual.bounds == ["floor_scan", "oracle_learner", "oracle"]
+    assert clinic.bounds == virtual.left_out == [] and clinic.compared == virtual.compared
     with pytest.raises(InputError, match="none of 'methods' is left"):
         _ = study(methods=["floor_scan"]).methods.left_out
 
@@ -100,12 +92,10 @@ def test_training_and_prediction_take_the_achieved_motion_where_there_are_bones(
     assert gathered.training(other, "scan") == [
         f"<results>/held_out/{each}/scan" for each in made.folds.held_out if each != other
     ]
-    scans = dict(
-        zip(gathered.names(job(fold=fold, kind="scan")), gathered.files(job(fold=fold, kind="scan")), strict=True)
-    )
-    assert scans["S0.motion.json"] == "<results>/cases/S0/achieved.json" and scans["S0.plan.json"].endswith(
-        "S0/plan.json"
-    )
+    of_scans = job(fold=fold, kind="scan")
+    scans = dict(zip(gathered.names(of_scans), gathered.files(of_scans), strict=True))
+    assert scans["S0.motion.json"] == "<results>/cases/S0/achieved.json"
+    assert scans["S0.plan.json"].endswith("S0/plan.json")
     assert made.cohort.registered == ["S0", "S1", "U0"] and made.both_motions == ["S0", "S1"]
 
 

@@ -80,12 +80,8 @@ def test_a_method_without_a_volume_is_blank_there_and_tested_elsewhere(cases, tm
     assert summary.loc[("volume", "solid"), "pairs"] == summary.loc[("menton", "surface"), "pairs"] == 8
     write(table(summary.reset_index(), landmarks.GROUPS, "test clinic"), tmp_path / "landmarks.csv")
     first, _, title, second, _ = (tmp_path / "landmarks.md").read_text().strip().split("\n\n")
-    assert (
-        title == "**Skin and volume**"
-        and "| menton |" in first
-        and "labrale inferius" in first
-        and "**1.3050 ± 0.2205\\***" in first
-    )
+    assert title == "**Skin and volume**"
+    assert all(words in first for words in ("| menton |", "labrale inferius", "**1.3050 ± 0.2205\\***"))
     assert "| Method | skin | skin p95 | volume | volume p95 |" in second
     assert next(line for line in second.splitlines() if line.startswith("| surface")).endswith("|  |  |")
 
