@@ -55,6 +55,7 @@ from tests.helpers.tools import write_seg_nrrd
 
 SEGMENTS = ("lefort1", "mandible")
 CODES = internal_codes(SEGMENTS)
+SCHEMA = read_schema(ROOT)
 
 
 def damaged(content: bytes, rng: np.random.Generator, count: int) -> Iterator[tuple[str, bytes]]:
@@ -685,11 +686,8 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         "binary": (rng.bytes(400), None),
         "nothing": (b"", None),
         "a quote that never ends": ((head_ + '"' + row).encode(), None),
-        "a row too long": ((head_ + row.replace("\n", "\tx\n")).encode(), None),
-        "a row too short": ((head_ + "P1\ta.nii.gz\n").encode(), None),
         "semicolons": ((head_ + row).replace("\t", ";").encode(), right),
         "a German Excel": (("sep=;\r\n" + (head_ + row).replace("\t", ";").replace("30", "30,0")).encode(), right),
-        "a column twice": ((head_.replace("age", "plan") + row).encode(), None),
         "a column unknown": ((head_.replace("age", "Age") + row).encode(), None),
         "a path too long": ((head_ + row.replace("a.json", "a" * 300)).encode(), None),
         "a huge field": ((head_ + row.replace("P1", "P" * 200_000)).encode(), None),
@@ -713,11 +711,6 @@ def tables(rng: np.random.Generator, count: int) -> Iterator[Tried]:
 # ---- configurations
 
 
-@cache
-def configuration() -> tuple[dict, dict]:
-    return CONFIG, read_schema(ROOT)
-
-
 def places(value, place=()) -> Iterator[tuple]:
     """The place of every plain value of a configuration."""
     if isinstance(value, dict):
@@ -728,11 +721,8 @@ def places(value, place=()) -> Iterator[tuple]:
 
 
 def configs(rng: np.random.Generator, count: int) -> Iterator[Tried]:
-    config, _ = configuration()
-    every = list(places(config))
-    numbers = [place for place in every if isinstance(_at(config, place), int | float)]
     # A text in 'labels' is a name like any other.
-    numbers = [place for place in numbers if not isinstance(_at(config, place), bool) and place[0] != "labels"]
+    numbers = [place for place in places(CONFIG) if type(_at(CONFIG, place)) in (int, float) and place[0] != "labels"]
     for value in (float("nan"), float("inf"), float("-inf"), ".nan", "-.inf", "nan", 1e301, 10**400, "1e999"):
         for index in rng.choice(len(numbers), min(count, len(numbers)), replace=False):
             yield _config(numbers[index], value, None)
@@ -740,7 +730,7 @@ def configs(rng: np.random.Generator, count: int) -> Iterator[Tried]:
         for index in rng.choice(len(numbers), min(count, len(numbers)), replace=False):
             yield _config(numbers[index], value, ... if value is None else None)
     for place in numbers[:: max(1, len(numbers) // (10 * count))]:
-        yield _config(place, _at(config, place), ...)  # as it stands
+        yield _config(place, _at(CONFIG, place), ...)  # as it stands
     yield _config(("registration", "limit"), float("nan"), None)
     for place in (("convergence", 1), ("fem", None), ("mesh", True), ("virtual", 2.5)):
         yield _config(place, 1, None)
@@ -756,10 +746,9 @@ def _at(value, place):
 
 def _config(place: tuple, value, right) -> Tried:
     def act(_folder: Path):
-        config, schema = configuration()
-        changed = json.loads(json.dumps(config))
+        changed = json.loads(json.dumps(CONFIG))
         _at(changed, place[:-1])[place[-1]] = value
-        read = checked(changed, schema)
+        read = checked(changed, SCHEMA)
         check_config(read)
         if any(isinstance(_at(read, at), float) and not np.isfinite(_at(read, at)) for at in places(read)):
             raise AssertionError("a number that is not finite went in")

@@ -26,10 +26,6 @@ KINDS = {
 }
 
 
-def file(folder, name):
-    return str(folder / name)
-
-
 @pytest.fixture(
     scope="module", params=["mandible_only", pytest.param("maxilla_only", marks=pytest.mark.full), "segmental"]
 )
@@ -67,7 +63,8 @@ def test_its_plan_and_sampled_ones_are_solved(case):
     for arm in ("bonded", "mucosa"):
         (result,) = simulate(model, [plan], FEM, arm=arm)
         assert result.converged and jacobians(model.points, model.cells, result.displacement).min() > 0
-    simulate_fem(name, file(folder, "model.h5"), file(folder, "plan.json"), 2, FEM, SEED, file(folder, "samples.h5"))
+    files = [str(folder / file) for file in ("model.h5", "plan.json", "samples.h5")]
+    simulate_fem(name, *files[:2], 2, FEM, SEED, files[2])
     with h5py.File(folder / "samples.h5") as samples:
         for group in samples.values():
             assert set(Plan.from_json(group.attrs["plan"]).motions) == set(model.segments)
