@@ -169,20 +169,8 @@ def run(
 ):
     """Import what a tool segmented; returns the report and the labels."""
     outputs = {name: str(folder / "out" / file) for name, file in IMPORTED.items()}
-    usual = {
-        "segments": SEGMENTS,
-        "orientation": "header",
-        "repair_limit": CONFIG["repair"]["limit"],
-        "unlabelled_muscle": "derived",
-    }
-    import_head(
-        case="P1",
-        segmentation=str(segmentation),
-        label_values=preset,
-        volume=volume,
-        cuts=cuts,
-        markups=[str(markup) for markup in markups],
-        outputs=outputs,
-        **(usual | settings),
-    )
+    usual = {"segments": SEGMENTS, "orientation": "header", "unlabelled_muscle": "derived"}
+    usual |= {"repair_limit": CONFIG["repair"]["limit"], "volume": volume, "cuts": cuts}
+    usual |= {"markups": [str(markup) for markup in markups]} | settings
+    import_head(case="P1", segmentation=str(segmentation), label_values=preset, outputs=outputs, **usual)
     return json.loads((folder / "out/report.json").read_text()), read_labels(outputs["labels"])

@@ -30,20 +30,26 @@ FEM = CONFIG["fem"]
 PHASES = {"pretrain": ("pretrained.pt", "pretraining.csv"), "finetune": ("network.pt", "finetuning.csv")}
 
 
+def save_case(folder: Path, seed: int, model, plans, fields, swelling: float) -> CaseFiles:
+    """Files of a patient: a field of each plan, the first of which is its own, and a skin so many mm above that one."""
+    paths = {name: folder / f"{name}_{seed}" for name in ("model", "fem_samples", "plan", "postop")}
+    model.write(paths["model"])
+    plans[0].write(paths["plan"])
+    with h5py.File(paths["fem_samples"], "w") as file:
+        for number, (plan, field) in enumerate(zip(plans, fields, strict=True)):
+            file[f"plan_{number}/displacement"] = field
+            file[f"plan_{number}"].attrs["plan"] = plan.to_json()
+    PostopSkin(model.points + fields[0] + [0, 0, swelling], model.skin_faces, 0.0).write(paths["postop"])
+    return CaseFiles(plans[0].case, **paths)
+
+
 def make_cases(folder: Path, count: int = 4) -> list[CaseFiles]:
     """Files of tiny patients: the whole block follows the bone, more or less, and the skin swells by 1 mm."""
     cases = []
     for seed in range(count):
         model, plan = tiny_patient(seed, (5, 4, 3)), replace(tiny_plan(x=float(seed)), case=f"tiny{seed}")
-        paths = {name: folder / f"{name}_{seed}" for name in ("model", "fem_samples", "plan", "postop")}
-        model.write(paths["model"])
-        plan.write(paths["plan"])
         field = plan.motion("left").displacement(model.points) * (0.8, 0.9, 1.0)
-        with h5py.File(paths["fem_samples"], "w") as file:
-            file["plan_0/displacement"] = field
-            file["plan_0"].attrs["plan"] = plan.to_json()
-        PostopSkin(model.points + field + [0, 0, 1], model.skin_faces, 0.0).write(paths["postop"])
-        cases.append(CaseFiles(plan.case, **paths))
+        cases.append(save_case(folder, seed, model, [plan], [field], 1.0))
     return cases
 
 

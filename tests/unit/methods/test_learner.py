@@ -23,7 +23,7 @@ from pinnochio.training.loop import sample_at, schedule
 from pinnochio.training.settings import PHASES
 from tests.helpers.patients import tiny_patient, tiny_plan
 from tests.helpers.settings import network_settings, training_settings
-from tests.helpers.training import FEM
+from tests.helpers.training import FEM, save_case
 
 SMALL = network_settings(boundary_layers=2, volume_layers=3, rest_layers=1, channels=32, heads=2, decoder_width=32)
 SWELLING = 3.0  # mm that the post-operative skin lies above that of the samples
@@ -53,17 +53,8 @@ def cases(tmp_path_factory):
     folder, cases = tmp_path_factory.mktemp("cases"), []
     for seed in range(2):
         model, plans = tiny_patient(seed), [tiny_plan(), tiny_plan(x=-2.0, y=1.0, pitch=-3.0)]
-        paths = {name: folder / f"{name}_{seed}" for name in ("model", "fem_samples", "plan", "postop")}
-        model.write(paths["model"])
-        plans[0].write(paths["plan"])
-        with h5py.File(paths["fem_samples"], "w") as file:
-            for number, plan in enumerate(plans):
-                group = file.create_group(f"plan_{number}")
-                group["displacement"] = smooth_field(model, plan)
-                group.attrs["plan"] = plan.to_json()
-        points = model.points + smooth_field(model, plans[0]) + [0, 0, SWELLING]
-        PostopSkin(points, model.skin_faces, 0.0).write(paths["postop"])
-        cases.append(CaseFiles("tiny", **paths))
+        fields = [smooth_field(model, plan) for plan in plans]
+        cases.append(save_case(folder, seed, model, plans, fields, SWELLING))
     return cases
 
 

@@ -137,11 +137,6 @@ def test_report_and_table_are_written_and_repeat_their_bytes(tmp_path):
         show_quality("P1", str(tmp_path / "model.h5"), files[1])
         made.append([Path(file).read_bytes() for file in files])
     assert made[0] == made[1] and len(made[0][1]) > 20_000
-    make(
-        tmp_path / "quality.csv",
-        "pinnochio.tables.quality",
-        reports=[tmp_path / "1.json"],
-        segments=SEGMENTS,
-        cohort="clinic",
-    )
+    arguments = {"reports": [tmp_path / "1.json"], "segments": SEGMENTS, "cohort": "clinic"}
+    make(tmp_path / "quality.csv", "pinnochio.tables.quality", **arguments)
     assert len(pd.read_csv(tmp_path / "quality.csv")) == 1 and "clinic" in (tmp_path / "quality.md").read_text()

@@ -65,13 +65,7 @@ def test_a_flag_stands_in_the_table_of_cases_and_beside_the_method(tmp_path):
     assert np.isnan(frame.loc["floor_scan", "flagged"])
     assert (frame["hdmax_mean"] == 3.5).all() and (frame["hdmax_worst"] == 4).all()
     arguments = {"methods": [*METHODS, "acmt"], "bounds": ["floor_scan"], "reference": None, "published": False}
-    make(
-        tmp_path / "accuracy.csv",
-        "pinnochio.tables.accuracy",
-        cases=tmp_path / "cases.csv",
-        cohort="c",
-        seed=1,
-        **arguments,
-    )
+    arguments |= {"cases": tmp_path / "cases.csv", "cohort": "c", "seed": 1}
+    make(tmp_path / "accuracy.csv", "pinnochio.tables.accuracy", **arguments)
     lines = (tmp_path / "accuracy.md").read_text().splitlines()
     assert [line.split("|")[1].strip() for line in lines if "4.0000 ! 1" in line] == ["PINNOCHIO"]

@@ -188,14 +188,10 @@ def test_summaries_of_doubled_or_absent_rows_are_refused(cases):
 
 
 def test_a_written_table_reads_back_sorted_and_its_bytes_do_not_depend_on_the_order(cases, tmp_path):
+    files = {"metrics": [tmp_path / "metrics.csv"], "cohort": "virtual cohort"}
     for name, rows in (("a", cases), ("b", cases.sample(frac=1, random_state=1))):
         write_csv(rows, tmp_path / "metrics.csv", CASES)
-        make(
-            tmp_path / f"{name}.csv",
-            "pinnochio.tables.cases",
-            metrics=[tmp_path / "metrics.csv"],
-            cohort="virtual cohort",
-        )
+        make(tmp_path / f"{name}.csv", "pinnochio.tables.cases", **files)
     for suffix in ("csv", "md", "tex", "html"):
         assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
     back = read_table(tmp_path / "a.csv", CASES)
