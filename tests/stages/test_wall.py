@@ -45,8 +45,7 @@ def test_no_pattern_of_a_method_is_a_term_of_the_outcome(patient, face):
         moved = np.tile([0.0, -3, 1], (len(model.skin_points), 1))
         terms[name] = OPEN[name](site, moved, OPERATED, np.random.default_rng(0))
 
-    held, modes = HeldFace(model, patient.fem), FaceModes.of([model])
-    outwards, _ = modes.halves(modes(model))
+    held, outwards = HeldFace(model, patient.fem), FaceModes.of([model])(model)
     answers = [held.answer(pattern[:, None] * face[2]) for pattern in outwards.T]
     loads = [model.moved_skin(field) - model.skin_points for field in answers]
     alike = np.abs(responses(list(terms.values()), face) @ responses(loads, face).T)

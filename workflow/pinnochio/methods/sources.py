@@ -55,9 +55,8 @@ class SourceModel:
     @classmethod
     def restored(cls, state: Mapping[str, np.ndarray]) -> "SourceModel":
         """From what :meth:`state` gave."""
-        rest = dict(state)
-        amplitudes, largest = rest.pop("amplitudes"), float(rest.pop("largest"))
-        return cls(FaceModes(**rest), amplitudes, largest)
+        modes = FaceModes(*(state[name] for name in ("landmarks", "points", "even")))
+        return cls(modes, state["amplitudes"], float(state["largest"]))
 
 
 class PatientSources:
@@ -80,7 +79,7 @@ class Ways:
 
     def __init__(self, modes: FaceModes, model: PatientModel):
         """InputError where the face cannot be read."""
-        self._patterns, _ = modes.halves(modes(model))
+        self._patterns = modes(model)
         self._normals = vertex_normals(model.skin_points, model.skin_faces)[model.judged_points]
 
     def __call__(self, follows: np.ndarray) -> np.ndarray:
