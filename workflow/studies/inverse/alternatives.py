@@ -8,8 +8,9 @@ from itertools import combinations as pairs
 import numpy as np
 
 from pinnochio.errors import InputError
+from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.plans.plan import Plan
-from studies.inverse.combinations import Combinations, combinations
+from studies.inverse.combinations import LARGEST, Combinations, as_motions, combinations
 from studies.inverse.elastic_face import ElasticFace
 from studies.inverse.freedom import OPERATIONS, Freedom, freedoms
 from studies.inverse.proposal import InverseSettings, Proposal, Search, propose
@@ -26,6 +27,14 @@ class Answer:
     freedom: Freedom
     combinations: Combinations
 
+    def moves(self) -> list[tuple[float, bool, dict[str, RigidMotion]]]:
+        """Of each combination mm of bone, LARGEST at most, whether the wish cannot tell it, and what so much of it does
+        to every segment."""
+        known = self.combinations
+        shown = np.minimum(known.bone, LARGEST)
+        changes = [as_motions(self.freedom, self.proposal.x, change) for change in shown[:, None] * known.directions]
+        return list(zip(shown.tolist(), known.hidden.tolist(), changes, strict=True))
+
 
 def answers(
     face: ElasticFace,
@@ -39,7 +48,7 @@ def answers(
     """One answer per operation that the patient's segments allow, in their order; InputError where none does."""
     made = {}
     for operation, free in freedoms(face.model, operations, bounds, occlusion).items():
-        proposal, search = propose(face, wish, free, operation, case, settings)
+        proposal, search = propose(face, wish, free, case, settings)
         logging.info("%s: %.3f mm after %d corrections", operation, proposal.misfit, proposal.corrections)
         combined = combinations(search, free, wish, proposal.x, settings.tolerance)
         made[operation] = Answer(proposal, free, combined)

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from pinnochio.model.truth import read_truth
 from pinnochio.plans.plan import Plan
 from studies.inverse.columns import LANDMARKS, OUTCOME, RECOVERED, SIMULATED
 from studies.inverse.elastic_face import ElasticFace
-from studies.inverse.freedom import OPERATIONS, Freedom, freedoms
+from studies.inverse.freedom import OPERATIONS, freedoms
 from studies.inverse.proposal import InverseSettings, propose
 from studies.inverse.wish import Marks, PlaceWish, SurfaceWish, Wish
 
@@ -44,11 +45,15 @@ def measure_inverse(
     """
     patient = PatientModel.read(model)
     chosen = InverseSettings.of(settings)
-    operation, free = widest(patient, settings["bounds"])
-    face, rows = ElasticFace(patient, fem), []
-    try:
+    # By the operation that moves most of what the patient's segments allow.
+    free = max(freedoms(patient, OPERATIONS, settings["bounds"]).values(), key=lambda each: len(each.low))
+    rows = []
+    with closing(ElasticFace(patient, fem)) as face:
         planned = free.plan(case, free.nearest(Plan.read(plan, case)))
-        surface = SurfaceWish.of("face", patient, patient.moved_skin(solved(face, planned)), patient.skin_faces)
+        solved = face.solve(planned)
+        if not solved.converged:
+            raise RuntimeError(f"case {case!r}: the solver stopped: {solved.reason}")
+        surface = SurfaceWish.of("face", patient, patient.moved_skin(solved.displacement), patient.skin_faces)
         tasks = [(SIMULATED, [surface], planned, tolerance) for tolerance in (EXACT, chosen.tolerance)]
         if achieved and postop:
             reference = Plan.read(achieved, case)
@@ -57,19 +62,12 @@ def measure_inverse(
             if truth:
                 tasks.append((LANDMARKS, landmarks_after(patient, truth, case), reference, chosen.tolerance))
         for task, wish, reference, tolerance in tasks:
-            proposal, _ = propose(face, wish, free, operation, case, replace(chosen, tolerance=tolerance))
+            proposal, _ = propose(face, wish, free, case, replace(chosen, tolerance=tolerance))
             logging.info("%s at %g: %.3f mm", task, tolerance, proposal.misfit)
             row = {"case": case, "task": task, "tolerance": tolerance, "code": code}
             row |= {"misfit": proposal.misfit, "seconds": proposal.seconds}
             rows += [row | part for part in motion_errors(patient, proposal.plan, reference)]
-    finally:
-        face.close()
     write_rows(rows, recovered, RECOVERED)
-
-
-def widest(model: PatientModel, bounds: Mapping) -> tuple[str, Freedom]:
-    """The operation that moves most of what the patient's segments allow, and its freedom."""
-    return max(freedoms(model, OPERATIONS, bounds).items(), key=lambda pair: len(pair[1].low))
 
 
 def landmarks_after(patient: PatientModel, truth: str, case: str) -> Wish:
@@ -95,14 +93,6 @@ def motion_errors(patient: PatientModel, plan: Plan, reference: Plan) -> list[di
 def apart(one: RigidMotion, other: RigidMotion, bone: np.ndarray) -> tuple[float, float]:
     """Mean distance (mm) of bone points (b, 3) under two motions, and the angle (degrees) between their rotations."""
     return float(np.linalg.norm(one.apply(bone) - other.apply(bone), axis=1).mean()), one.angle_from(other)
-
-
-def solved(face: ElasticFace, plan: Plan) -> np.ndarray:
-    """Finite elements (n, 3) mm of a plan; RuntimeError where they do not converge."""
-    result = face.solve(plan)
-    if not result.converged:
-        raise RuntimeError(f"case {plan.case!r}: the solver stopped: {result.reason}")
-    return result.displacement
 
 
 if __name__ == "__main__":

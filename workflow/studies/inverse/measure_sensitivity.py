@@ -1,5 +1,7 @@
 """Makes a patient's table and figure of which move of which bone moves which place of the face."""
 
+from contextlib import closing
+
 from pinnochio.columns import write_csv
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
@@ -12,12 +14,8 @@ from studies.inverse.wish_columns import SENSITIVITY
 
 def measure_sensitivity(case: str, model: str, fem: FemSettings, code: str, table: str, picture: str) -> None:
     """Write the table (CSV) and the figure (PNG)."""
-    patient = PatientModel.read(model)
-    face = ElasticFace(patient, fem)
-    try:
+    with closing(ElasticFace(PatientModel.read(model), fem)) as face:
         frame = sensitivity(face, case, code)
-    finally:
-        face.close()
     write_csv(frame, table, SENSITIVITY)
     sensitivity_figure(frame, picture)
 

@@ -42,14 +42,13 @@ class InverseSettings:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A plan that comes as near to a wish as its operation can.
+    """A plan that comes as near to a wish as an operation can.
 
     x (p,): its parameters; displacement (n, 3) mm: finite elements of it, or what is expected of them where `solved`
     is false; misfit, mm: weighted root mean square of the wishes' errors; at_bounds: block and quantity of parameters
     that lie on a bound; corrections: finite-element solutions; seconds: of all.
     """
 
-    operation: str
     plan: Plan
     x: np.ndarray
     displacement: np.ndarray
@@ -98,20 +97,22 @@ class Search:
         self.price = 10**low
         return self._descend(nearest, self.price)
 
-    def cost(self, x: np.ndarray, field: np.ndarray) -> float:
-        """What is minimised: squared misfit (mm^2) of a field (n, 3) mm, and the price of the motion x (p,)."""
-        residual, priced = stacked(self._wish, field)[0], self.price * self._freedom.lever * x
+    def cost(self, x: np.ndarray, field: np.ndarray | None = None) -> float:
+        """What is minimised: squared misfit (mm^2) of a field (n, 3) mm, or of the one that is expected, and the price
+        of the motion x (p,)."""
+        residual, _ = self._stacked(x) if field is None else stacked(self._wish, field)
+        priced = self.price * self._freedom.lever * x
         return float(residual @ residual + priced @ priced)
 
     def _descend(self, start: np.ndarray, price: float) -> np.ndarray:
         """Gauss-Newton from `start` (p,) at a price of motion."""
         x, self.price = np.array(start), price
-        value = self._value(x)
+        value = self.cost(x)
         for _ in range(ITERATIONS):
             step = self._step(x, *self._linear(x), price)
             for halvings in range(8):
                 new = np.clip(x + 0.5**halvings * step, self._freedom.low, self._freedom.high)
-                after = self._value(new)
+                after = self.cost(new)
                 if after <= value:
                     break
             else:
@@ -121,11 +122,6 @@ class Search:
             if done:
                 return x
         return x
-
-    def _value(self, x: np.ndarray) -> float:
-        """What is minimised at the parameters x (p,)."""
-        residual, priced = self._stacked(x)[0], self.price * self._freedom.lever * x
-        return float(residual @ residual + priced @ priced)
 
     def _stacked(self, x: np.ndarray) -> tuple:
         """As `stacked` at the parameters x (p,); a step that was judged is not looked at again to go on from it."""
@@ -159,7 +155,7 @@ class Search:
 
 
 def propose(
-    face: ElasticFace, wish: Wish, freedom: Freedom, operation: str, case: str, settings: InverseSettings
+    face: ElasticFace, wish: Wish, freedom: Freedom, case: str, settings: InverseSettings
 ) -> tuple[Proposal, Search]:
     """The proposal of an operation, and the search that made it.
 
@@ -188,7 +184,6 @@ def propose(
         x, field = min(solved, key=lambda pair: search.cost(*pair))
     at = (x - freedom.low < AT_BOUND) | (freedom.high - x < AT_BOUND)
     proposal = Proposal(
-        operation=operation,
         plan=freedom.plan(case, x),
         x=x,
         displacement=field,

@@ -1,6 +1,7 @@
 """Makes plans that bring a patient's face to what is wished of it: one for each operation."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from pinnochio.plans.plan import Plan
 from pinnochio.plans.transforms import write_transforms
 from pinnochio.statistics.intervals import Calibration
 from studies.inverse.alternatives import Answer, answers, contradictions
-from studies.inverse.combinations import LARGEST, as_motions, quantities
+from studies.inverse.combinations import quantities
 from studies.inverse.elastic_face import ElasticFace
 from studies.inverse.proposal import InverseSettings
 from studies.inverse.reading import read_wish
@@ -49,26 +50,25 @@ def propose_plans(
     if settings["occlusion"] != "free":
         kept = Plan.read(occlusion, case) if occlusion else Plan(case, {})
     inverse = InverseSettings.of(settings)
-    face = ElasticFace(patient, fem)
-    try:
+    with closing(ElasticFace(patient, fem)) as face:
         made = answers(face, wished, settings["operations"], settings["bounds"], inverse, case, kept)
         most = max(made.values(), key=lambda answer: len(answer.freedom.low))
         against = contradictions(face, wished, most.freedom, inverse)
-    finally:
-        face.close()
     certificates = {name: certify(patient, answer, fem) for name, answer in made.items()}
-    rows = [row(case, answer, certificates[name], wished, patient, inverse, code) for name, answer in made.items()]
-    write_rows(rows, out["proposals"], PROPOSALS)
     width = half_widths(wished, patient, calibration)
-    reached = [item for answer in made.values() for item in reached_rows(case, answer, wished, patient, inverse, width)]
-    write_rows(reached, out["reached"], REACHED)
-    moved = [item for answer in made.values() for item in motion_rows(case, answer)]
-    write_rows(moved, out["motions"], MOTIONS)
-    combined = [item for answer in made.values() for item in combination_rows(case, answer)]
-    write_rows(combined, out["combinations"], COMBINATIONS)
+    rows, reached, moved, combined = [], [], [], []
     for name, answer in made.items():
+        key = {"case": case, "operation": name}
+        rows.append(key | row(answer, certificates[name], wished, patient, inverse) | {"code": code})
+        reached += [key | part for part in reached_rows(answer, wished, patient, inverse, width)]
+        moved += [key | part for part in motion_rows(answer)]
+        combined += [key | part for part in combination_rows(answer)]
         answer.proposal.plan.write(Path(out["plans"]) / f"{name}.json")
         write_transforms(answer.proposal.plan.motions, Path(out["transforms"]) / name)
+    write_rows(rows, out["proposals"], PROPOSALS)
+    write_rows(reached, out["reached"], REACHED)
+    write_rows(moved, out["motions"], MOTIONS)
+    write_rows(combined, out["combinations"], COMBINATIONS)
     write_wish_page(
         patient=patient,
         case=case,
@@ -93,14 +93,10 @@ def certify(patient: PatientModel, answer: Answer, fem: FemSettings) -> dict | N
     return plain({"solution": solution, "measures": said, "models": None})
 
 
-def row(
-    case, answer: Answer, certificate, wish: Wish, patient: PatientModel, inverse: InverseSettings, code: str
-) -> dict:
+def row(answer: Answer, certificate, wish: Wish, patient: PatientModel, inverse: InverseSettings) -> dict:
     """The row of PROPOSALS."""
     proposal = answer.proposal
     return {
-        "case": case,
-        "operation": proposal.operation,
         "reached": all(item.error(proposal.displacement) <= inverse.met for item in wish),
         "wished": misfit(wish, np.zeros_like(patient.points)),
         "misfit": proposal.misfit,
@@ -111,7 +107,6 @@ def row(
         "grade": verdict(certificate).grade if certificate else "not usable",
         "corrections": proposal.corrections,
         "seconds": proposal.seconds,
-        "code": code,
     }
 
 
@@ -125,12 +120,7 @@ def half_widths(wish: Wish, patient: PatientModel, calibration: str | None) -> d
 
 
 def reached_rows(
-    case: str,
-    answer: Answer,
-    wish: Wish,
-    patient: PatientModel,
-    inverse: InverseSettings,
-    half_width: Mapping[str, float],
+    answer: Answer, wish: Wish, patient: PatientModel, inverse: InverseSettings, half_width: Mapping[str, float]
 ) -> list[dict]:
     """Rows of REACHED; half_width (mm) by wish."""
     rows = []
@@ -138,8 +128,6 @@ def reached_rows(
         error = item.error(answer.proposal.displacement)
         rows.append(
             {
-                "case": case,
-                "operation": answer.proposal.operation,
                 "wish": item.name,
                 "unit": item.unit,
                 "weight": item.weight,
@@ -152,34 +140,22 @@ def reached_rows(
     return rows
 
 
-def motion_rows(case: str, answer: Answer) -> list[dict]:
+def motion_rows(answer: Answer) -> list[dict]:
     """Rows of MOTIONS: every segment of the operation."""
-    plan, bones = answer.proposal.plan, segment_points(answer.freedom.model)
+    bones = segment_points(answer.freedom.model)
     return [
-        {"case": case, "operation": answer.proposal.operation, "segment": name}
-        | quantities(motion.about(bones[name].mean(axis=0)))
-        for name, motion in plan.motions.items()
+        {"segment": name} | quantities(motion.about(bones[name].mean(axis=0)))
+        for name, motion in answer.proposal.plan.motions.items()
     ]
 
 
-def combination_rows(case: str, answer: Answer) -> list[dict]:
+def combination_rows(answer: Answer) -> list[dict]:
     """Rows of COMBINATIONS: what each does to every segment, as far as the wish does not feel it."""
-    rows, known = [], answer.combinations
-    for number, (direction, bone, hidden) in enumerate(zip(known.directions, known.bone, known.hidden, strict=True), 1):
-        moves = as_motions(answer.freedom, answer.proposal.x, min(bone, LARGEST) * direction)
-        for name, motion in moves.items():
-            rows.append(
-                {
-                    "case": case,
-                    "operation": answer.proposal.operation,
-                    "number": number,
-                    "bone": min(bone, LARGEST),
-                    "null_space": bool(hidden),
-                    "segment": name,
-                    **quantities(motion),
-                }
-            )
-    return rows
+    return [
+        {"number": number, "bone": bone, "null_space": hidden, "segment": name} | quantities(motion)
+        for number, (bone, hidden, moves) in enumerate(answer.moves(), 1)
+        for name, motion in moves.items()
+    ]
 
 
 if __name__ == "__main__":

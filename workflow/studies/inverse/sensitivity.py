@@ -32,17 +32,9 @@ def sensitivity(face: ElasticFace, case: str, code: str) -> pd.DataFrame:
             plan = Plan(case, {segment: RigidMotion.from_degrees(unit[3:], LPS * unit[:3], pivot)})
             moved = face.elastic(motion_amplitudes(plan, model.segments, model.points.mean(axis=0)))
             for place, (mean, size) in mean_motions(model, places, codes, moved).items():
-                rows.append(
-                    {
-                        "case": case,
-                        "segment": segment,
-                        "quantity": quantity,
-                        "place": place,
-                        **dict(zip(QUANTITIES[:3], LPS * mean, strict=True)),
-                        "moved": size,
-                        "code": code,
-                    }
-                )
+                row = {"case": case, "segment": segment, "quantity": quantity, "place": place}
+                row |= dict(zip(QUANTITIES[:3], LPS * mean, strict=True))
+                rows.append(row | {"moved": size, "code": code})
     return check(pd.DataFrame(rows), SENSITIVITY)
 
 

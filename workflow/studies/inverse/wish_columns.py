@@ -8,10 +8,10 @@ OPERATION = Column(
     "operation", str, "", "what is operated: two_jaw, mandible or maxilla, with _chin a genioplasty; chin"
 )
 CODE = Column("code", str, "", "content hash of the code")
-UNITS = dict(zip(QUANTITIES, ("mm",) * 3 + ("deg",) * 3, strict=True))
-MOVES = tuple(
-    number(name, UNITS[name], f"motion {name} of the middle of its bone", ".3f") for name in QUANTITIES[:3]
-) + (tuple(number(name, UNITS[name], f"component {name} of the rotation vector", ".3f") for name in QUANTITIES[3:]))
+MOVES = (
+    *(number(name, "mm", f"motion {name} of the middle of its bone", ".3f") for name in QUANTITIES[:3]),
+    *(number(name, "deg", f"component {name} of the rotation vector", ".3f") for name in QUANTITIES[3:]),
+)
 
 PROPOSALS = (
     CASE,

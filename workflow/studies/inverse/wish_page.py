@@ -15,7 +15,7 @@ from pinnochio.patients.prediction_page import panels, png
 from pinnochio.plans.surgery import in_words, segment_in_words
 from pinnochio.web_pages import write_page
 from studies.inverse.alternatives import Answer
-from studies.inverse.combinations import LARGEST, as_motions
+from studies.inverse.combinations import LARGEST
 from studies.inverse.freedom import operation_in_words
 from studies.inverse.proposal import InverseSettings
 from studies.inverse.wish import PlaceWish, SurfaceWish, Wish
@@ -50,14 +50,10 @@ def write_wish_page(
         name: "did not converge" if said is None else ", ".join((verdict(said).grade, *verdict(said).reasons))
         for name, said in certificates.items()
     }
-    null_space = {}
-    for name, answer in answers.items():
-        known = answer.combinations
-        null_space[names[name]] = [
-            f"± {min(bone, LARGEST):.1f} mm: "
-            + _said(as_motions(answer.freedom, answer.proposal.x, min(bone, LARGEST) * direction))
-            for direction, bone in [*zip(known.directions[known.hidden], known.bone[known.hidden], strict=True)][:SHOWN]
-        ]
+    null_space = {
+        names[name]: [f"± {bone:.1f} mm: {_said(moves)}" for bone, hidden, moves in answer.moves() if hidden][:SHOWN]
+        for name, answer in answers.items()
+    }
     surface = any(isinstance(item, SurfaceWish) for item in wish)
     write_page(
         path,

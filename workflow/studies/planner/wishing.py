@@ -65,7 +65,7 @@ class Wishing:
         self._face = self._face or ElasticFace(self._patient, self._fem)
         for corrections in (0, self._inverse.corrections):
             settings = replace(self._inverse, corrections=corrections)
-            proposal, _ = propose(self._face, wish, self._freedoms[operation], operation, self._case, settings)
+            proposal, _ = propose(self._face, wish, self._freedoms[operation], self._case, settings)
             if corrections and not proposal.solved:
                 raise ValueError("finite elements of the proposal did not converge; the elastic map's plan is kept")
             missed = {item.name: item.error(proposal.displacement) for item in wish}
