@@ -47,6 +47,11 @@ class Problem:
     patient: PatientModel | None = None
     plan: Plan | None = None
 
+    @property
+    def posed(self) -> tuple[np.ndarray, np.ndarray, Material, BoundaryConditions]:
+        """What a solver takes: points, cells, constants, boundary condition."""
+        return self.points, self.cells, self.material, self.boundary
+
 
 def movement(model: PatientModel, plan: Plan, fem: FemSettings, precision: str, arm: str = "mucosa") -> Problem:
     """A patient under a plan; arm: one of `sliding.ARMS`. InputError for an unknown segment."""

@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -170,13 +171,8 @@ class Sweep:
         which the first of each method is added."""
 
         def linear():
-            solver = ElasticSolver(
-                problem.points, problem.cells, problem.material, problem.boundary, element, self.fem.linear_solver
-            )
-            try:
+            with closing(ElasticSolver(*problem.posed, element, self.fem.linear_solver)) as solver:
                 return solver.solve(problem.boundary)
-            finally:
-                solver.close()
 
         elastic, verdict, seconds = attempt(
             linear, lambda field, _: judge_elastic(problem, element, field, known.get("elastic"))
@@ -209,7 +205,7 @@ class Sweep:
         options = self.options(element)
 
         def newton():
-            return solve(problem.points, problem.cells, problem.material, problem.boundary, options, start)
+            return solve(*problem.posed, options, start)
 
         def judge(result, seconds):
             field = None if known is None else known.get("solver")
@@ -225,11 +221,8 @@ class Sweep:
         options = self.options(element)
 
         def repeated():
-            solver = KeptFactors(problem.points, problem.cells, problem.material, problem.boundary, options)
-            try:
+            with closing(KeptFactors(*problem.posed, options)) as solver:
                 return solver.solve([problem.boundary])[0]
-            finally:
-                solver.close()
 
         def judge(result, seconds):
             return judge_solution(problem, element, result, seconds, options, known.get("solver"), unique)
@@ -246,7 +239,7 @@ class Sweep:
         interface[nodes] = True
 
         def mend():
-            return repair_inversions(problem.points, problem.cells, problem.material, raw, interface, element)
+            return repair_inversions(*problem.posed[:3], raw, interface, element)
 
         made, verdict, seconds = attempt(mend, lambda result, _: judge_repair(problem, raw, *result))
         yield "repair", element, precision, verdict, seconds
@@ -254,13 +247,8 @@ class Sweep:
             return
 
         def correct():
-            corrector = Corrector(
-                problem.points, problem.cells, problem.material, nodes, element, self.fem.linear_solver
-            )
-            try:
+            with closing(Corrector(*problem.posed[:3], nodes, element, self.fem.linear_solver)) as corrector:
                 return corrector.corrections(made[0], boundary[nodes], CORRECTIONS, self.fem.tolerance)
-            finally:
-                corrector.close()
 
         def judge(result, _):
             return judge_correction(problem, element, result, nodes, boundary[nodes], made[1], self.fem.tolerance)
