@@ -8,6 +8,7 @@ import os
 import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +27,7 @@ MOST = 100  # points or faces of a byte of a VTP, which may be compressed
 
 def check_surface(path: str | os.PathLike, refuse: Refuse) -> None:
     """Refuse a STL or VTP file that is cut off, or whose faces name points that it does not hold."""
-
-    def damaged(problem: str):
-        refuse(problem, AGAIN, file=path)
-
+    damaged = partial(refuse, remedy=AGAIN, file=path)
     content = Path(path).read_bytes()
     {".stl": _check_stl, ".vtp": _check_vtp}[Path(path).suffix.lower()](content, damaged)
 
@@ -54,10 +52,7 @@ def read_mesh(path: str | os.PathLike) -> pv.PolyData:
 
 def read_obj(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
     """Points (p, 3) and triangles (f, 3) int32 of an OBJ file, without VTK; its lines and points alone do not count."""
-
-    def damaged(problem: str):
-        refuse(problem, AGAIN, file=path)
-
+    damaged = partial(refuse, remedy=AGAIN, file=path)
     points, faces = [], []
     counts = dict.fromkeys((b"v", b"vt", b"vn"), 0)  # points, places in a texture, normals: a face may name each
     named = {kind: [] for kind in counts}
@@ -89,10 +84,7 @@ def read_obj(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.nd
 
 def read_ply(path: str | os.PathLike, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
     """Points (p, 3) and triangles (f, 3) int32 of a PLY file, without VTK; refused where it is damaged."""
-
-    def damaged(problem: str):
-        refuse(problem, AGAIN, file=path)
-
+    damaged = partial(refuse, remedy=AGAIN, file=path)
     content = Path(path).read_bytes()
     end = re.search(rb"^end_header[ \t]*\r?\n", content[: 2**20], re.MULTILINE)
     if not re.match(rb"ply[ \t]*\r?\n", content) or end is None:
