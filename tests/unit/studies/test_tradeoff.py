@@ -13,7 +13,7 @@ from studies.tradeoff.cases import TRADEOFF_CASES
 from studies.tradeoff.figure import draw
 from studies.tradeoff.inputs import Tradeoff
 from studies.tradeoff.measuring import Reference, judge, predict_fem
-from studies.tradeoff.settings import VARIED, Setting, as_in_the_study, fem_settings, network_settings
+from studies.tradeoff.settings import BASE, VARIED, Setting, fem_settings, network_settings
 from studies.tradeoff.table import answers, pareto, summarise
 from tests.helpers import settings
 from tests.helpers.patients import tiny_patient
@@ -100,9 +100,8 @@ def test_a_reference_that_is_none_is_known_from_its_file(tmp_path):
     plan = Plan("tiny", {})
     target = patient.skin_points, patient.skin_faces
     judged = choose(patient, plan, *target, 500, 1)
-    row = judge(
-        as_in_the_study("x", 0), "tiny", patient, Prediction(still), target, judged, None, settings.fem_settings()
-    )
+    setting = Setting("x", "none", BASE, 0)
+    row = judge(setting, "tiny", patient, Prediction(still), target, judged, None, settings.fem_settings())
     assert row["cd"] < 1e-9 and row["inverted"] == 0
     assert all(np.isnan(row[name]) for name in ("face_error", "face_error_max", "volume_error"))
 
@@ -132,7 +131,7 @@ def test_what_is_not_varied_is_judged_as_it_is_and_no_bound_but_the_noise_of_the
 def test_the_settings_vary_one_parameter_at_a_time():
     config = {"reference": 9000, "nodes": [500, 1000], "increments": [4], "accuracies": [0.1]}
     contacts = {name: registry(CONFIG)[name].options.get("contact", "") for name in VARIED}
-    settings = fem_settings(1000, config, VARIED, contacts)
+    settings = fem_settings(1000, config, contacts)
     assert (settings[0].method, settings[0].nodes) == ("fem_sliding", 9000)
     assert len({(s.method, s.parameter, s.value) for s in settings}) == len(settings)
     base = [s for s in settings if s.parameter == "nodes" and s.nodes == 1000]
@@ -164,7 +163,7 @@ def test_judging_the_reference_itself_finds_no_error():
     reference = Reference(patient, solved.displacement)
     target = patient.moved_skin(solved.displacement), patient.skin_faces
     judged = choose(patient, plan, *target, 500, 1)
-    row = judge(as_in_the_study("x", 0), "tiny", patient, solved, target, judged, reference, fem)
+    row = judge(Setting("x", "none", BASE, 0), "tiny", patient, solved, target, judged, reference, fem)
     assert row["face_error"] == 0 and row["volume_error"] < 1e-9 and row["cd"] < 1e-9
     assert row["eqres_rel"] < fem.tolerance
     off = patient.moved_skin(solved.displacement) + [0.3, 0, 0.4]

@@ -53,12 +53,8 @@ class Tradeoff:
     @cached_property
     def fem_settings(self) -> list[Setting]:
         """Finite elements along their parameters."""
-        return fem_settings(
-            nodes=self.config["mesh"]["nodes"],
-            config=self.section,
-            varied=VARIED,
-            contacts={name: self.registry[name].options.get("contact", "") for name in VARIED},
-        )
+        contacts = {name: self.registry[name].options.get("contact", "") for name in VARIED}
+        return fem_settings(self.config["mesh"]["nodes"], self.section, contacts)
 
     @cached_property
     def network_settings(self) -> list[Setting]:

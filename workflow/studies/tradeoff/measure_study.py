@@ -11,7 +11,7 @@ from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
 from studies.tradeoff.cases import TRADEOFF_CASES
 from studies.tradeoff.measuring import Reference, judge
-from studies.tradeoff.settings import as_in_the_study
+from studies.tradeoff.settings import BASE, Setting
 
 
 def measure_study(
@@ -30,19 +30,8 @@ def measure_study(
     target, samples, judgements = PostopSkin.read(postop).surface, Judged.read(judged), []
     for method, path in predictions.items():
         patient, prediction = PatientModel.read(models[method]), read_prediction(path, case)
-        setting = as_in_the_study(method, len(patient.points))
-        judgements.append(
-            judge(
-                setting=setting,
-                case=case,
-                patient=patient,
-                prediction=prediction,
-                target=target,
-                judged=samples,
-                reference=solution,
-                fem=fem,
-            )
-        )
+        setting = Setting(method, "none", BASE, len(patient.points))
+        judgements.append(judge(setting, case, patient, prediction, target, samples, solution, fem))
     write_rows(judgements, rows, TRADEOFF_CASES)
 
 

@@ -1,6 +1,6 @@
 """The settings that are measured: each method at its own in the study, then one parameter varied at a time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 BASE = "as in the study"  # ends the value of a setting that changes nothing
@@ -29,26 +29,24 @@ class Setting:
     corrections: int | None = None
 
 
-def fem_settings(
-    nodes: int, config: Mapping, varied: Mapping[str, Sequence[str]], contacts: Mapping[str, str]
-) -> list[Setting]:
+def fem_settings(nodes: int, config: Mapping, contacts: Mapping[str, str]) -> list[Setting]:
     """Finite elements along their parameters, the reference first.
 
-    nodes: of the study; config: section `tradeoff` of the configuration; varied, contacts: of each method.
+    nodes: of the study; config: section `tradeoff` of the configuration; contacts: of each method.
     """
 
     def setting(method: str, parameter: str, value: str, size: int = nodes, **more) -> list[Setting]:
         single = Setting(method, parameter, value, size, contacts.get(method, ""), **more)
-        return [single] if parameter in varied[method] else []
+        return [single] if parameter in VARIED[method] else []
 
     finest = config["reference"]
     settings = setting("fem_sliding", "nodes", str(finest), finest, fem={"accuracy": "exact"})
-    for method in varied:
+    for method in VARIED:
         settings += setting(method, "nodes", f"{nodes}, {BASE}")
         for size in config["nodes"]:
             settings += setting(method, "nodes", str(size), size) if size != nodes else []
     settings.append(Setting("fem_lips", "arm", "mucosa+lip", nodes, "mucosa+lip"))
-    for method in varied:
+    for method in VARIED:
         settings += setting(method, "element", "p1", fem={"volumetric": "p1"})
         for accuracy in config["accuracies"]:
             settings += setting(method, "accuracy", str(accuracy), fem={"accuracy": accuracy})
@@ -73,8 +71,3 @@ def network_settings(nodes: int, config: Mapping, variants: Mapping[str, Mapping
             if size != nodes and size <= config["largest_network"]
         ]
     return settings
-
-
-def as_in_the_study(method: str, nodes: int) -> Setting:
-    """A method as the study predicts by it."""
-    return Setting(method, "none", BASE, nodes)
