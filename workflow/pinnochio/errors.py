@@ -25,20 +25,23 @@ class InputError(ValueError):
         return InputError, (self.case, self.file, self.problem, self.remedy)  # from another process
 
 
-def refusal(case: str, file: object) -> Refuse:
-    """refuse(problem, remedy), which raises the InputError of a case and a file; of another file by file=..."""
-
-    def refuse(problem: str, remedy: str, file: object = file) -> None:
-        raise InputError(case, file, problem, remedy)
-
-    return refuse
-
-
 # Of files that the study has made.
 REMEDY = "delete it and run the same command again; of an archive, copy it again"
 
 
-def damaged(file: object, error: Exception) -> InputError:
+def refusal(case: str, file: object, always: str = "") -> Refuse:
+    """refuse(problem, remedy), which raises the InputError of a case and a file; of another file by file=...
+
+    always: the remedy, whatever the problem.
+    """
+
+    def refuse(problem: str, remedy: str, file: object = file) -> None:
+        raise InputError(case, file, problem, always or remedy)
+
+    return refuse
+
+
+def damaged(file: object, error: BaseException) -> InputError:
     """That a file of the study's own cannot be read, by what a library says of it."""
     reason = (str(error).strip() or type(error).__name__).splitlines()[-1]
     return InputError("-", file, f"it cannot be read ({reason[:160]})", REMEDY)

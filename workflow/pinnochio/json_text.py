@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar
 
-from pinnochio.errors import REMEDY, InputError, Refuse
+from pinnochio.errors import REMEDY, InputError, Refuse, refusal
 from pinnochio.files import replacing
 
 Kind = TypeVar("Kind")  # a dataclass
@@ -51,12 +51,12 @@ class StoredObject(dict):
 
 def read_stored_json(path: str | os.PathLike) -> StoredObject:
     """The object in a JSON file that a stage wrote; InputError where it is damaged."""
-    return parse_stored_json(read_text(path, _refuse_stored(path)), path)
+    return parse_stored_json(read_text(path, refusal("-", path, REMEDY)), path)
 
 
 def parse_stored_json(text: str, file: object) -> StoredObject:
     """The object that a text in a file that a stage wrote holds; InputError where it is damaged."""
-    refuse = _refuse_stored(file)
+    refuse = refusal("-", file, REMEDY)
 
     def make(pairs):
         made = StoredObject(pairs)
@@ -69,16 +69,9 @@ def parse_stored_json(text: str, file: object) -> StoredObject:
 
 def read_stored_text(path: str | os.PathLike) -> str:
     """The lines of a text that a stage wrote, CSV too; InputError where the last one does not end."""
-    refuse = _refuse_stored(path)
+    refuse = refusal("-", path, REMEDY)
     text = read_text(path, refuse)
     return text if text.endswith("\n") else refuse("it is cut off" if text else "it is empty", REMEDY)
-
-
-def _refuse_stored(file: object) -> Refuse:
-    def refuse(problem: str, remedy: str):
-        raise InputError("-", file, problem, REMEDY)
-
-    return refuse
 
 
 def parse_json(text: str, refuse: Refuse, finite: bool = True, make: Callable = dict):

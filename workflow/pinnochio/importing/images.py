@@ -17,7 +17,7 @@ import numpy as np
 import SimpleITK as sitk
 from scipy.spatial.transform import Rotation
 
-from pinnochio.errors import InputError, Refuse
+from pinnochio.errors import REMEDY, Refuse, refusal
 from pinnochio.importing.dicom_series import read_series
 from pinnochio.volume_size import IMAGE_FORMATS
 
@@ -113,11 +113,7 @@ def read_image(path: str | os.PathLike, refuse: Refuse, pixel: int = sitk.sitkUn
 
 def read_stored_image(path: str | os.PathLike) -> sitk.Image:
     """A volume that the study itself has written; InputError where it is damaged."""
-
-    def refuse(problem: str, remedy: str):
-        raise InputError("-", path, problem, "delete it; the same command makes it again")
-
-    return read_image(path, refuse)
+    return read_image(path, refusal("-", path, REMEDY))
 
 
 def _read_whole(content: bytes, name: str, refuse: Refuse, pixel: int) -> sitk.Image:

@@ -7,7 +7,7 @@ import meshio
 import numpy as np
 
 from pinnochio.compiled import compiled
-from pinnochio.errors import InputError
+from pinnochio.errors import damaged
 from pinnochio.files import check_seal, replacing, seal
 from pinnochio.geometry.mesh_topology import EDGES, boundary_faces
 
@@ -51,8 +51,7 @@ class TetMesh:
             if not np.isfinite(made.points).all() or not (cells.min() >= 0 and cells.max() < len(made.points)):
                 raise ValueError("its cells and points do not fit")
         except (Exception, SystemExit) as error:  # meshio ends the process by itself
-            problem = f"it cannot be read ({error})"
-            raise InputError("-", path, problem, "delete it; the same command makes it again") from error
+            raise damaged(path, error) from error
         return made
 
 

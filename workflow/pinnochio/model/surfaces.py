@@ -11,7 +11,7 @@ import pyvista as pv
 from scipy import ndimage, sparse
 from vtkmodules.vtkFiltersCore import vtkConstrainedSmoothingFilter, vtkFlyingEdges3D, vtkQuadricDecimation
 
-from pinnochio.errors import InputError
+from pinnochio.errors import InputError, damaged
 from pinnochio.files import check_seal, replacing, seal
 from pinnochio.geometry.surface_integrity import read_mesh
 from pinnochio.geometry.triangles import enclosed_volume, vertex_normals
@@ -244,17 +244,13 @@ def read_surface(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
 @contextmanager
 def stored_mesh(path: str | os.PathLike) -> Iterator[pv.PolyData]:
     """A surface that the study itself has written; InputError where it is damaged or holds something else."""
-
-    def refuse(problem: str, remedy: str, file=path):
-        raise InputError("-", file, problem, "delete it; the same command makes it again")
-
     try:
         check_seal(path)
         yield read_mesh(path)
     except InputError:
         raise
     except Exception as error:  # VTK and pyvista raise what they like
-        refuse(f"it cannot be read ({error})", "")
+        raise damaged(path, error) from error
 
 
 def _bounding_box(mask) -> tuple[slice, ...] | None:
