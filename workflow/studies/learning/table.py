@@ -12,31 +12,18 @@ from pinnochio.seeds import derive_seed
 from pinnochio.statistics.shares import explained
 from pinnochio.statistics.wilcoxon import bootstrap_interval, compare
 from pinnochio.tables.comparison import count
-from pinnochio.tables.document import Block, Table, View, views
+from pinnochio.tables.document import Block, Table, View, views, with_interval
 
 ERRORS = {"cd": "Chamfer distance", "skin_error_mean": "error of the true skin"}
+ENDS = ("low", "high")
 
 
 def _of_error(name: str) -> list[Column]:
-    source = BY_NAME[name]
-    return [
-        number(f"{name}_mean", source.unit, f"mean of {name}", source.summary),
-        number(f"{name}_low", source.unit, f"end of the bootstrap 95% interval of {name}_mean", source.summary),
-        number(f"{name}_high", source.unit, f"end of the bootstrap 95% interval of {name}_mean", source.summary),
-        number(f"{name}_difference", source.unit, f"mean of {name} minus that of {BASELINE}", source.summary),
-        number(
-            f"{name}_difference_low",
-            source.unit,
-            f"end of the bootstrap 95% interval of {name}_difference",
-            source.summary,
-        ),
-        number(
-            f"{name}_difference_high",
-            source.unit,
-            f"end of the bootstrap 95% interval of {name}_difference",
-            source.summary,
-        ),
-    ]
+    words = {f"{name}_mean": f"mean of {name}"}
+    words |= {f"{name}_{end}": f"end of the bootstrap 95% interval of {name}_mean" for end in ENDS}
+    words |= {f"{name}_difference": f"mean of {name} minus that of {BASELINE}"}
+    words |= {f"{name}_difference_{end}": f"end of the bootstrap 95% interval of {name}_difference" for end in ENDS}
+    return [number(key, BY_NAME[name].unit, said, BY_NAME[name].summary) for key, said in words.items()]
 
 
 LEARNING = (
@@ -48,7 +35,6 @@ LEARNING = (
     number("explained_low", "", "end of the bootstrap 95% interval of explained", ".3f"),
     number("explained_high", "", "end of the bootstrap 95% interval of explained", ".3f"),
 )
-_LEARNING = {column.name: column for column in LEARNING}
 
 
 def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd.DataFrame:
@@ -74,7 +60,7 @@ def summarise(rows: Mapping[tuple[str, int], pd.DataFrame], seed: int = 0) -> pd
             share = explained(*common, derive_seed(seed, "explained", f"{method}/{patients}"))
             row |= {"explained": share.share, "explained_low": share.low, "explained_high": share.high}
         summaries.append(row)
-    return check(pd.DataFrame(summaries).reindex(columns=list(_LEARNING)), LEARNING)
+    return check(pd.DataFrame(summaries).reindex(columns=[column.name for column in LEARNING]), LEARNING)
 
 
 def tabulate(
@@ -96,24 +82,13 @@ def tabulate(
 
 def table(frame: pd.DataFrame, cohort: str) -> Table:
     """The table of rows of LEARNING."""
-
-    def interval(name):
-        def text(row):
-            middle, low, high = (_LEARNING[name + end].text(row[name + end]) for end in ("_mean", "_low", "_high"))
-            return f"{middle} [{low}, {high}]" if low else middle
-
-        return text
-
-    def share(row):
-        middle, low, high = (_LEARNING[f"explained{end}"].text(row[f"explained{end}"]) for end in ("", "_low", "_high"))
-        return f"{middle} [{low}, {high}]" if low else middle
-
-    known = [name for name in ERRORS if frame[f"{name}_mean"].notna().any()]
-    view = [
-        *views(LEARNING, {"method": "Method", "patients": "Training patients"}),
-        *(View(f"{ERRORS[name]} [{_LEARNING[f'{name}_mean'].unit}]".capitalize(), interval(name)) for name in known),
-        *([View("Explained", share)] if frame["explained"].notna().any() else []),
-    ]
+    view = views(LEARNING, {"method": "Method", "patients": "Training patients"})
+    for name, words in ERRORS.items():
+        if frame[f"{name}_mean"].notna().any():
+            text = with_interval(LEARNING, f"{name}_mean", f"{name}_low", f"{name}_high")
+            view.append(View(f"{words} [{BY_NAME[name].unit}]".capitalize(), text))
+    if frame["explained"].notna().any():
+        view.append(View("Explained", with_interval(LEARNING, "explained", "explained_low", "explained_high")))
     caption = (
         f"Learning curve, {cohort}, {count(frame['n'])} held-out patients, the same in every row: mean and bootstrap "
         f"95% interval over patients. Fewer training patients are among more. Explained: share of what {BASELINE} "
