@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinnochio.errors import InputError
 from pinnochio.hdf5 import reading
 from pinnochio.plans.plan import Plan
 
@@ -39,29 +38,15 @@ def case_files(cases: Sequence[str], lifts: Sequence[str], **files: Sequence[str
 
 
 def count_samples(files: CaseFiles) -> int:
-    """Samples of a training patient: its converged finite-element samples, or its own plan."""
+    """Samples of a training patient: its finite-element samples, or its own plan."""
     if files.fem_samples is None:
         return 1
     with reading(files.fem_samples) as file:
-        return sum(map(_converged, file.values()))
+        return len(file)
 
 
-def _converged(group) -> bool:
-    return bool(group.attrs.get("converged", True))
-
-
-def read_fem_samples(path: File, case: str) -> list[tuple[Plan, np.ndarray]]:
-    """Plans and displacement fields (n, 3) mm of the finite-element samples, in the order of their numbers.
-
-    InputError where no sample has converged.
-    """
+def read_fem_samples(path: File) -> list[tuple[Plan, np.ndarray]]:
+    """Plans and displacement fields (n, 3) mm of the finite-element samples, in the order of their numbers."""
     with reading(path) as file:
         groups = sorted(file, key=lambda name: int(name.rsplit("_", 1)[-1]))
-        samples = [
-            (Plan.from_json(file[name].attrs["plan"], path), file[name]["displacement"][()])
-            for name in groups
-            if _converged(file[name])
-        ]
-    if not samples:
-        raise InputError(case, path, "holds no converged field", "simulate more plans")
-    return samples
+        return [(Plan.from_json(file[name].attrs["plan"], path), file[name]["displacement"][()]) for name in groups]
