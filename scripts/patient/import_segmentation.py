@@ -62,15 +62,7 @@ def import_labels(
         if unlabelled_muscle == DERIVED and not (read.labels == MUSCLE).any():
             movable = np.where(read.labels == CRANIUM, SUPERFICIAL, read.labels)  # the cranium takes longest
             top = upper_face_plane(bone_surface(movable, read.spacing, read.origin, segments, bone_edge), segments, 0.0)
-        final, muscle = muscle_layer(
-            labels=read.labels,
-            spacing=read.spacing,
-            origin=read.origin,
-            top=top,
-            unlabelled=unlabelled_muscle,
-            case=case,
-            file=segmentation,
-        )
+        final, muscle = muscle_layer(*read.label_map, top, unlabelled_muscle, case, segmentation)
     report = {
         "case": case,
         "spacing_mm": np.asarray(read.spacing).tolist(),
@@ -92,8 +84,8 @@ def import_surfaces(labels: str, head: str, bone_edge: float, bone: str, skin: s
     """Write bone, skin and the report of what :func:`import_labels` wrote, with warnings of the surfaces."""
     read, known = read_labels(labels), read_stored_json(head)
     with collected() as warnings, second_process() as aside:
-        contoured = aside.submit(skin_surface, read.labels, read.spacing, read.origin)
-        bones = bone_surface(read.labels, read.spacing, read.origin, tuple(known["segments"]), bone_edge)
+        contoured = aside.submit(skin_surface, *read.label_map)
+        bones = bone_surface(*read.label_map, tuple(known["segments"]), bone_edge)
     bones.write(bone)
     write_surface(*contoured.result(), skin)
     write_json(report, known["report"] | {"warnings": list(dict.fromkeys(known["report"]["warnings"] + warnings))})

@@ -22,14 +22,7 @@ def label_case(
     """
     head, surface = read_labels(labels), BoneSurface.read(bone)
     patient = label_interfaces(
-        mesh=TetMesh.read(mesh),
-        labels=head.labels,
-        spacing=head.spacing,
-        origin=head.origin,
-        segments=surface.segments,
-        bone=surface,
-        skin=read_surface(skin),
-        **interfaces,
+        TetMesh.read(mesh), *head.label_map, surface.segments, surface, read_surface(skin), **interfaces
     )
     kinds = np.bincount(patient.node_type, minlength=4)
     logging.info("%d nodes: %d fixed, %d moving, %d sliding", kinds.sum(), *kinds[[FIXED, MOVING, SLIDING]])

@@ -16,14 +16,7 @@ def refine_lips(mesh: str, labels: str, bone: str, sliding_band: float, lip_edge
     sliding_band in mm: as for the interfaces, which find the bite by it too.
     """
     head, surface, coarse = read_labels(labels), BoneSurface.read(bone), TetMesh.read(mesh)
-    pairs = opposing_pairs(
-        bone=surface,
-        labels=head.labels,
-        spacing=head.spacing,
-        origin=head.origin,
-        segments=surface.segments,
-        band=sliding_band,
-    )
+    pairs = opposing_pairs(surface, *head.label_map, surface.segments, sliding_band)
     fine = refine_mouth(coarse, bite(surface, pairs, sliding_band), lip_edge)
     for name, one in (("before", coarse), ("after", fine)):
         logging.info("%s: %d nodes, smallest dihedral angle %.1f", name, len(one.points), one.dihedral_angles().min())

@@ -8,13 +8,6 @@ from pinnochio.meshing.tetrahedralize import tetrahedralize
 
 def mesh_case(labels: str, nodes: int, minimum_dihedral: float, mesh: str) -> None:
     """Mesh an imported label map with `nodes` nodes (within 10 %) and dihedral angles of at least minimum_dihedral."""
-    head = read_labels(labels)
-    result = tetrahedralize(
-        labels=head.labels,
-        spacing=head.spacing,
-        origin=head.origin,
-        target_nodes=nodes,
-        minimum_dihedral=minimum_dihedral,
-    )
+    result = tetrahedralize(*read_labels(labels).label_map, nodes, minimum_dihedral=minimum_dihedral)
     logging.info("%d nodes, %d tetrahedra", len(result.points), len(result.cells))
     result.write(mesh)

@@ -150,7 +150,7 @@ def register_cranium(
 def _framed(head: Segmentation, segments: Sequence[str], points, faces, refuse):
     """The bones before surgery, the scanned bone brought into their frame by the cranium, and that frame, patient ->
     scanner."""
-    bone = bone_surface(head.labels, head.spacing, head.origin, tuple(segments), EDGE)
+    bone = bone_surface(*head.label_map, tuple(segments), EDGE)
     cranium = _source(bone.part(-1), head)
     if len(cranium.points) < FEWEST:
         refuse("hardly any cranium is segmented before surgery", "segment it up to the orbits")

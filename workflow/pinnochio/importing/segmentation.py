@@ -48,6 +48,11 @@ class Segmentation:
     axes: str = "LPS"
     closed: Mapping[str, Sequence[dict]] = field(default_factory=dict)
 
+    @property
+    def label_map(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What surfaces and meshes are made of: labels, spacing, origin."""
+        return self.labels, self.spacing, self.origin
+
 
 def read_segmentation(
     path: str | os.PathLike,

@@ -24,17 +24,12 @@ ROUNDING = 0.7  # voxels: takes the steps of the labels before surgery off
 TOP_CUT = (2.0, 15.0)  # mm of the forehead that the field of view lacks [I]
 REAR_CUT, REAR_CHANCE = (4.0, 14.0), 0.3  # mm of joints and rami that it lacks, in this share of the patients [I]
 PLATES = (2, 4)  # per pair of bones that were cut apart; two to four miniplates each [R]
-PLATE_RADIUS, SCREW_RADIUS = (
-    1.1,
-    1.9,
-)  # mm: miniplates are 1 mm thick, screw heads 3-4 mm wide [R], and metal blooms [I]
+# mm: miniplates are 1 mm thick, screw heads 3-4 mm wide [R], and metal blooms [I]
+PLATE_RADIUS, SCREW_RADIUS = 1.1, 1.9
 PLATE_REACH = (4.0, 8.0)  # mm from the cut to a screw [R]
 CALLUS = 2.5  # mm; narrower gaps are partly filled [I]
-STREAKS, STREAK_LENGTH, STREAK_RADIUS = (
-    (3, 7),
-    (15.0, 35.0),
-    (0.5, 1.1),
-)  # bars of bright or dark from metal in teeth [I]
+# Bars of bright or dark from metal in teeth: how many, mm [I].
+STREAKS, STREAK_LENGTH, STREAK_RADIUS = (3, 7), (15.0, 35.0), (0.5, 1.1)
 MARGIN = 4.0  # mm around a bone within which its distance is known, and around all of them in the volume
 FAR = np.float32(MARGIN)
 

@@ -73,13 +73,12 @@ class Operation:
     @cached_property
     def skin(self) -> tuple[np.ndarray, np.ndarray]:
         """Points (s, 3) mm and faces of the head's skin before surgery."""
-        return skin_surface(self.head.labels, self.head.spacing, self.head.origin)
+        return skin_surface(*self.head.label_map)
 
     @cached_property
     def bone(self) -> BoneSurface:
         """The head's bone before surgery, as the methods' import makes it."""
-        head = self.head
-        return bone_surface(head.labels, head.spacing, head.origin, self.segments, self.settings.mesh["bone_edge"])
+        return bone_surface(*self.head.label_map, self.segments, self.settings.mesh["bone_edge"])
 
     def draws(self, effect: str) -> np.random.Generator:
         """The effect's own generator: switching one effect leaves the draws of the others as they are."""
@@ -170,14 +169,13 @@ def meshed(operation: Operation, effects: Mapping[str, Any], by_lip: bool | None
 
     by_lip as of :func:`label_interfaces`, by default as the cohorts were frozen: before skin was told apart by lip.
     """
-    head, settings = operation.head, operation.settings
+    place, settings = operation.head.label_map, operation.settings
     thresholds = dict(settings.interfaces)
     thresholds["sliding_band"] *= effects["sliding_band_factor"]
     nodes, shift, turn = settings.mesh["nodes"], np.zeros(3), 0.0
     if effects["nodes"] is not None:
         draws = operation.draws("nodes")
         nodes, shift, turn = effects["nodes"], draws.uniform(0, 3, 3), draws.choice([-1, 1]) * draws.uniform(*TURN)
-    place = head.labels, head.spacing, head.origin
     return label_interfaces(
         tetrahedralize(*place, nodes, minimum_dihedral=settings.mesh["minimum_dihedral"], shift=shift, turn=turn),
         *place,
