@@ -14,13 +14,8 @@ from pinnochio.model.patient import PatientModel
 
 SAME_PLACE = 1e-3  # mm
 FARTHEST = 100.0  # mm; twice as far as a bone is moved
-FIELDS = (
-    "displacement",
-    "boundary",
-    "raw",
-    "forces",
-    "skin",
-)  # of a prediction: datasets of its file, the rest are attributes
+# Of a prediction: datasets of its file, the rest are attributes.
+FIELDS = ("displacement", "boundary", "raw", "forces", "skin")
 
 
 @dataclass(frozen=True)
