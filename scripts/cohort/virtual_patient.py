@@ -43,9 +43,7 @@ def virtual_patient(
         remedy = "give each structure of a virtual patient a whole number in 'labels'"
         raise InputError(case, "configuration", str(error), remedy) from error
     plan = treatment_plan(head, rng, case)
-    write_segmentation(
-        labels=values[head.labels], spacing=head.spacing, origin=head.origin, path=outputs["segmentation"]
-    )
+    write_segmentation(values[head.labels], head.spacing, head.origin, outputs["segmentation"])
     plan.write(outputs["plan"])
     landmarks = {name: np.round(place, 3).tolist() for name, place in head.landmarks.items()}
     for name, content in (("landmarks", landmarks), ("anatomy", {"case": case} | describe(head, plan))):

@@ -122,16 +122,8 @@ def _cut_head(case, path, tool, segments, orientation, limit, volume, markups, c
     """
     marked = read_markups(markups, case)
     parts = read_head_parts(path, volume, case, tool, orientation, marked.regions, limit)
-    frame = check_anatomy(
-        labels=parts.uncut(),
-        spacing=parts.spacing,
-        segments=(UNCUT,),
-        axes=parts.axes,
-        case=case,
-        file=path,
-        upper_teeth=parts.parts == UPPER_TEETH,
-        lower_teeth=parts.parts == LOWER_TEETH,
-    )
+    upper, lower = (parts.parts == teeth for teeth in (UPPER_TEETH, LOWER_TEETH))
+    frame = check_anatomy(parts.uncut(), parts.spacing, (UNCUT,), parts.axes, case, path, upper, lower)
     frame |= {"sides": AS_IT_SHOULD_BE} if parts.sided else {}
     made = osteotomy(parts, cuts, marked, case, path)
     marked_sides = [made.landmarks.get(name, ("", ""))[1] == "given" for name in ("RCo", "LCo")]

@@ -30,15 +30,8 @@ def register_segments(
     """
     surface = BoneSurface.read(bone)
     points, faces = read_postop_bones(postop_bones, case, surface.points, label_values)
-    cranium, registered = register_bones(
-        head=read_labels(labels),
-        segments=surface.segments,
-        plan=Plan.read(plan, case),
-        points=points,
-        faces=faces,
-        case=case,
-        file=postop_bones,
-    )
+    head, planned = read_labels(labels), Plan.read(plan, case)
+    cranium, registered = register_bones(head, surface.segments, planned, points, faces, case=case, file=postop_bones)
     rows = [{name: value for name, value in vars(fit).items() if name != "motion"} for fit in (cranium, *registered)]
     for row in rows:
         logging.info("%(segment)s: median %(median).3f mm, p90 %(p90).3f mm, %(matched).0f %% matched", row)

@@ -47,17 +47,8 @@ def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int
         patient = PatientModel.read(files.model)
         scan = PostopSkin.read(files.postop)
         predicted = read_prediction(files.predictions, files.case)
-        errors.append(
-            held_out(
-                case=files.case,
-                fold=files.fold,
-                patient=patient,
-                judged=Judged.read(files.judged),
-                moved=predicted.moved_skin(patient),
-                points=scan.points,
-                faces=scan.faces,
-            )
-        )
+        judged, moved = Judged.read(files.judged), predicted.moved_skin(patient)
+        errors.append(held_out(files.case, files.fold, patient, judged, moved, *scan.surface))
         truth = TrueMotion.read(files.truth, patient, files.case) if files.truth else None
         measured.append(measures_held_out(files.case, files.fold, patient, predicted.displacement, scan, truth))
         if files.ensemble:

@@ -27,15 +27,7 @@ def stability(
 
     model: None for the block; way: direction or axis of the motion, "-" without one.
     """
-    sweep = Sweep(
-        family=family,
-        case=case,
-        way=way,
-        model=PatientModel.read(model) if model else None,
-        config=config,
-        fem=fem,
-        seed=seed,
-    )
+    sweep = Sweep(family, case, way, PatientModel.read(model) if model else None, config, fem, seed)
     labels = {"seed": seed, "device": "cpu", "code": code}
     write_rows([row | labels for row in tqdm(sweep.rows())], table, STABILITY)
 
