@@ -119,6 +119,7 @@ class Forecaster:
         lips = held_lips(self.patient, result.displacement)
         skin = self.patient.moved_skin(lips.displacement)
         moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]
+        away = 0.0 if least is None else float(off_bone(self.patient, plan, result.displacement).max(initial=0.0))
         return Forecast(
             plan=plan,
             interval=result,
@@ -128,9 +129,7 @@ class Forecaster:
             least=least,
             repaired=max((repair.elements for repair in repairs), default=0),
             damping=min((repair.damping for repair in repairs), default=1.0),
-            off_bone=0.0
-            if least is None
-            else float(off_bone(self.patient, plan, result.displacement).max(initial=0.0)),
+            off_bone=away,
             crossed=lips.crossed,
             apart=lips.left if lips.before <= SEALED else 0.0,
             beyond=beyond(compared),
