@@ -44,6 +44,12 @@ def finetune(
     )
 
 
+def finetune_once(read: Mapping[str, object], settings: Mapping[str, object], outputs: Mapping[str, str]) -> None:
+    """Nothing is trained anew where other jobs have made files again of the same content."""
+    with Stages(Path(outputs["network"]).with_name(".finetune.json")) as stages:
+        stages(finetune, read, {"outputs": outputs}, settings)
+
+
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     params, files, about = snakemake.params, snakemake.input, snakemake.wildcards
@@ -52,7 +58,6 @@ if __name__ == "__main__":
     settings = {name: params[name] for name in ("learner", "settings", "cases", "code")}
     read = gathered_files(files, params.cases, "models", "lifts", "plans", "postops", "covariates")
     read["pretrained"] = files.get("network") or None
-    outputs = {"outputs": dict(snakemake.output.items())}
-    # Nothing is trained anew where other jobs have made files again of the same content.
-    with Stages(Path(snakemake.output.network).with_name(".finetune.json")) as stages:
-        stages(finetune, read, outputs, settings | {"seed": seed, "device": device})
+    finetune_once(
+        read=read, settings=settings | {"seed": seed, "device": device}, outputs=dict(snakemake.output.items())
+    )

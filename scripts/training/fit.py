@@ -42,11 +42,15 @@ def fit(
     ).write(fitted)
 
 
+def fit_once(read: Mapping[str, object], settings: Mapping[str, object], fitted: str) -> None:
+    """Nothing is fitted anew where other jobs have made files again of the same content."""
+    with Stages(Path(fitted).with_name(".fit.json")) as stages:
+        stages(fit, read, {"fitted": fitted}, settings)
+
+
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     params, files = snakemake.params, snakemake.input
     read = gathered_files(files, params.cases, "models", "fem_samples", "plans", "postops", "covariates")
     settings = {name: params[name] for name in ("learner", "settings", "cases")}
-    # Nothing is fitted anew where other jobs have made files again of the same content.
-    with Stages(Path(snakemake.output.fitted).with_name(".fit.json")) as stages:
-        stages(fit, read, {"fitted": snakemake.output.fitted}, settings)
+    fit_once(read=read, settings=settings, fitted=snakemake.output.fitted)

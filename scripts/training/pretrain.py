@@ -41,6 +41,12 @@ def pretrain(
     )
 
 
+def pretrain_once(read: Mapping[str, object], settings: Mapping[str, object], outputs: Mapping[str, str]) -> None:
+    """Nothing is trained anew where other jobs have made files again of the same content."""
+    with Stages(Path(outputs["network"]).with_name(".pretrain.json")) as stages:
+        stages(pretrain, read, {"outputs": outputs}, settings)
+
+
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     params, files, about = snakemake.params, snakemake.input, snakemake.wildcards
@@ -48,7 +54,6 @@ if __name__ == "__main__":
     seed = derive_seed(params.seed, "pretrain", f"{about.fold}/{about.method}")
     settings = {name: params[name] for name in ("learner", "settings", "cases", "code")}
     read = gathered_files(files, params.cases, "models", "lifts", "fem_samples")
-    outputs = {"outputs": dict(snakemake.output.items())}
-    # Nothing is trained anew where other jobs have made files again of the same content.
-    with Stages(Path(snakemake.output.network).with_name(".pretrain.json")) as stages:
-        stages(pretrain, read, outputs, settings | {"seed": seed, "device": device})
+    pretrain_once(
+        read=read, settings=settings | {"seed": seed, "device": device}, outputs=dict(snakemake.output.items())
+    )
