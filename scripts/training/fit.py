@@ -35,7 +35,7 @@ def fit(
         more["covariates"] = [read_stored_json(path) for path in covariates]
     resolve(learner)(
         models=[PatientModel.read(path) for path in models],
-        fem_samples=[read_fem_samples(path) for path in fem_samples],
+        fem_samples=[read_fem_samples(path, case) for path, case in zip(fem_samples, cases, strict=True)],
         plans=[Plan.read(path, case) for path, case in zip(plans, cases, strict=True)],
         skins=[PostopSkin.read(path).surface for path in postops],
         **more,

@@ -45,7 +45,7 @@ def test_an_epoch_shows_every_patient_once_and_holds_few(cases):
 
 def test_samples_of_a_patient_are_counted_as_they_are_read(tmp_path):
     (files,) = make_cases(tmp_path, 1)
-    assert count_samples(files) == len(read_fem_samples(files.fem_samples)) == 1
+    assert count_samples(files) == len(read_fem_samples(files.fem_samples, "P")) == 1
     assert count_samples(replace(files, fem_samples=None)) == 1
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinnochio.errors import InputError
 from pinnochio.hdf5 import reading
 from pinnochio.plans.plan import Plan
 
@@ -45,8 +46,13 @@ def count_samples(files: CaseFiles) -> int:
         return len(file)
 
 
-def read_fem_samples(path: File) -> list[tuple[Plan, np.ndarray]]:
-    """Plans and displacement fields (n, 3) mm of the finite-element samples, in the order of their numbers."""
+def read_fem_samples(path: File, case: str) -> list[tuple[Plan, np.ndarray]]:
+    """Plans and displacement fields (n, 3) mm of the finite-element samples, in the order of their numbers.
+
+    InputError where there is none.
+    """
     with reading(path) as file:
+        if not len(file):
+            raise InputError(case, path, "holds no field", "simulate more plans")
         groups = sorted(file, key=lambda name: int(name.rsplit("_", 1)[-1]))
         return [(Plan.from_json(file[name].attrs["plan"], path), file[name]["displacement"][()]) for name in groups]

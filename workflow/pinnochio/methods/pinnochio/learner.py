@@ -86,7 +86,7 @@ class GraphLearner:
     def _fem_samples(self, files: CaseFiles) -> list[Sample]:
         """One for each finite-element sample."""
         patient, samples = self._patient(files), []
-        for plan, displacement in read_fem_samples(files.fem_samples):
+        for plan, displacement in read_fem_samples(files.fem_samples, files.case):
             field = torch.as_tensor(displacement, dtype=torch.float32, device=self.device)
             everywhere = torch.ones_like(patient.reliable)
             samples.append(Sample(patient, patient.signal(plan), volume_loss, _always(field), field, everywhere))

@@ -93,7 +93,7 @@ class SurfaceLearner:
     def _fem_samples(self, files: CaseFiles) -> list[list[FieldDraw]]:
         """How the skin moves in each finite-element sample."""
         patient, samples = self._patient(files), []
-        for plan, field in read_fem_samples(files.fem_samples):
+        for plan, field in read_fem_samples(files.fem_samples, files.case):
             skin = patient.model.moved_skin(field) - patient.model.skin_points
             draws = patient.draws
             samples.append(
