@@ -139,8 +139,7 @@ def check_mesh(points, cells) -> tuple[np.ndarray, np.ndarray]:
         raise InputError("-", "mesh", "a point is not finite", "mend the points")
     if cells.min() < 0 or cells.max() >= len(points):
         raise InputError("-", "mesh", "a cell names a point that does not exist", "mend the cells")
-    x = points[cells]
-    edges = x[:, 1:] - x[:, :1]
+    edges = _edges(points, cells)
     # 1e-12: below it the gradients of a sliver have no correct digit left.
     flat = np.linalg.det(edges) <= 1e-12 * np.linalg.norm(edges, axis=2).max(axis=1) ** 3
     if flat.any():
@@ -150,17 +149,21 @@ def check_mesh(points, cells) -> tuple[np.ndarray, np.ndarray]:
 
 def shape_gradients(points, cells) -> tuple[np.ndarray, np.ndarray]:
     """Gradients (m, 4, 3) 1/mm of the linear shape functions and volumes (m,) mm3."""
-    x = np.asarray(points, float)[cells]
-    edges = x[:, 1:] - x[:, :1]
+    edges = _edges(points, cells)
     rest = np.linalg.inv(edges).transpose(0, 2, 1)
     gradients = np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1)
-    return np.ascontiguousarray(gradients), cell_volumes(points, cells)
+    return np.ascontiguousarray(gradients), np.linalg.det(edges) / 6
 
 
 def cell_volumes(points, cells) -> np.ndarray:
     """Volume (m,) mm3 of every cell, negative where it is inside out."""
+    return np.linalg.det(_edges(points, cells)) / 6
+
+
+def _edges(points, cells) -> np.ndarray:
+    """Edges (m, 3, 3) mm of every cell from its first corner."""
     x = np.asarray(points, float)[cells]
-    return np.linalg.det(x[:, 1:] - x[:, :1]) / 6
+    return x[:, 1:] - x[:, :1]
 
 
 def lumped(cells, amounts, nodes: int) -> np.ndarray:
