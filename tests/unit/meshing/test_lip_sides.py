@@ -1,8 +1,10 @@
 """Skin hangs on its own lip, wherever a mesh opens the slit."""
 
 import numpy as np
+import pytest
 
-from pinnochio.meshing.embedding import bridging, embed
+from pinnochio.geometry.triangles import face_normals
+from pinnochio.meshing.embedding import bridging, cut_between_lips, embed
 from pinnochio.meshing.interfaces import opposing_pairs
 from pinnochio.meshing.lip_sides import sides_of_nodes, sides_of_points
 from pinnochio.meshing.lips import bite
@@ -40,7 +42,7 @@ def test_a_point_of_the_upper_lip_hangs_on_it_though_the_mesh_opens_the_slit_hig
     np.testing.assert_allclose(distance[between], np.hypot(0.1, 3 - skin[between, 2]))
     # The skin is opened at its own slit.
     for carried, low, high in ((carriers, 2, 4), (parted, 0, 1)):
-        rows = skin[skin_faces[bridging(skin_faces, carried, faces)], 2]
+        rows = skin[skin_faces[bridging(skin_faces, carried, faces).any(axis=1)], 2]
         assert len(rows) > 30 and rows.min() == low and rows.max() == high
     # Even where its own lip faces the other way, as the sides of a slit do.
     turned = np.vstack([upper[1][:, ::-1], lower[1] + len(upper[0])])
@@ -58,6 +60,30 @@ def test_a_point_of_the_upper_lip_hangs_on_it_though_the_mesh_opens_the_slit_hig
     np.testing.assert_array_equal(embed(skin, skin_faces, whole, whole_faces, sides)[0], nearest)
 
 
+def test_sealed_skin_is_cut_between_the_lips_where_the_mesh_opens_them():
+    points, faces = sheet(-5, 5, 1)
+    lip = np.where(points[:, 2] > 0, UPPER_LIP, LOWER_LIP)
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
+
+    def side(places):  # the lips meet on a slope
+        return np.where(places[:, 2] > 0.02 * places[:, 0] + 0.25, UPPER_LIP, LOWER_LIP)
+
+    spans = (points[edges, 0] > 4.5).all(axis=2)  # beyond the corner of the mouth they are one
+    cut, parts, lips = cut_between_lips(points, faces, lip, spans, side)
+    np.testing.assert_array_equal(cut[: len(points)], points)
+    upper, lower = (np.flatnonzero(lips[len(points) :] == code) + len(points) for code in (UPPER_LIP, LOWER_LIP))
+    np.testing.assert_array_equal(cut[upper], cut[lower])  # the lips touch
+    assert len(upper) > 30 and np.abs(cut[upper, 2] - 0.02 * cut[upper, 0] - 0.25).max() < 0.06
+    mixed = (lips[parts] != lips[parts][:, :1]).any(axis=1)
+    assert cut[parts[mixed], 0].min() == 0 and cut[parts[mixed], 0].max() <= 5.1
+    assert face_normals(cut, parts)[0][:, 1].max() < -0.99  # none is turned over
+    assert face_normals(cut, parts)[1].sum() == pytest.approx(face_normals(points, faces)[1].sum())
+    count = np.unique(np.sort(parts[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0, return_counts=True)[1]
+    assert count.max() == 2 and (count == 1).sum() == 61 + 2 * 31  # the rim, and the edges of both lips
+    for none in (spans & False, spans & (lip[faces] == NOT_LIP)):
+        assert cut_between_lips(points, faces, lip, none, side)[1] is faces
+
+
 def mouth_of(labels):
     bone = bone_surface(labels, np.ones(3), ORIGIN, SEGMENTS)
     return bite(bone, opposing_pairs(bone, labels, np.ones(3), ORIGIN, SEGMENTS, 18.0), 18.0)
@@ -69,14 +95,14 @@ def test_the_slit_of_the_label_map_parts_the_tissue():
     labels[12:44, 8:12, 24:27] = AIR
     mouth = mouth_of(labels)
     points = ORIGIN + np.stack(np.meshgrid([15.0, 28, 40], [8.0, 14], np.arange(22, 47)), axis=-1).reshape(-1, 3)
-    side, height = sides_of_points(points, labels, np.ones(3), ORIGIN, mouth), (points - ORIGIN)[:, 2]
+    side, height = sides_of_points(labels, np.ones(3), ORIGIN, mouth)(points), (points - ORIGIN)[:, 2]
     assert (side[height > SLIT] == UPPER_LIP).all() and (side[height < SLIT] == LOWER_LIP).all()
     beside = ORIGIN + [[28.0, 10, 70], [28, 10, 60], [28, 10, 5], [28, 10, 500]]
-    assert (sides_of_points(beside, labels, np.ones(3), ORIGIN, mouth) == NOT_LIP).all()
-    assert (sides_of_points(points, labels, np.ones(3), ORIGIN, mouth[:0]) == NOT_LIP).all()
+    assert (sides_of_points(labels, np.ones(3), ORIGIN, mouth)(beside) == NOT_LIP).all()
+    assert (sides_of_points(labels, np.ones(3), ORIGIN, mouth[:0])(points) == NOT_LIP).all()
     labels = block_face()[0]
     labels[8:48, 8:22, int(SLIT)] = SUPERFICIAL
-    assert (sides_of_points(points, labels, np.ones(3), ORIGIN, mouth) == NOT_LIP).all()
+    assert (sides_of_points(labels, np.ones(3), ORIGIN, mouth)(points) == NOT_LIP).all()
 
 
 def test_the_slit_of_a_mesh_parts_its_nodes():

@@ -110,6 +110,19 @@ def test_skin_is_a_ball_where_the_head_is_one():
         assert enclosed_volume(points, faces) == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.03)
 
 
+def test_a_slope_of_voxels_is_smooth_and_sealed_lips_in_it_are_one_skin():
+    x, y, z = np.meshgrid(*[np.arange(60)] * 3, indexing="ij")
+    head = (y > 15 + x // 8) & (y < 50) & (np.abs(x - 30) < 22) & (np.abs(z - 30) < 22)
+    # One voxel wide, two on the right.
+    slit = (y < 30) & (np.abs(x - 30) < 12) & ((z == 31) | (z == 30 + (x > 30)))
+    (skin, faces), lips = (skin_surface(labels, (1, 1, 1), (0, 0, 0)) for labels in (head, head & ~slit))
+    front = skin[(np.abs(skin[:, [0, 2]] - 30) < 15).all(axis=1) & (skin[:, 1] < 30)]
+    height = (front[:, 1] - front[:, 0] / 8) / np.hypot(1, 1 / 8)
+    assert len(front) > 100 and np.abs(height - height.mean()).max() < 0.15  # of steps of 1 mm
+    np.testing.assert_array_equal(lips[0], skin)
+    np.testing.assert_array_equal(lips[1], faces)
+
+
 def test_skin_is_open_where_the_head_is_cut_and_without_loose_pieces():
     where = grid()
     volume = (np.linalg.norm(where[..., :2] - CENTRE[:2], axis=-1) < 20).astype(np.uint8)

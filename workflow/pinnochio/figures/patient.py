@@ -142,7 +142,7 @@ def volume_picture(patient: PatientModel, displacements: Mapping[str, np.ndarray
 
 def add_face(plotter: "pv.Plotter", skin: pv.PolyData, patient: PatientModel, plan: Plan) -> None:
     """Skin, and behind it the bone after the plan: a mouth that is open shows teeth."""
-    plotter.add_mesh(skin, color=SKIN)
+    plotter.add_mesh(skin, color=SKIN, smooth_shading=True)
     moved = patient.bone_points + patient.bone_displacement(plan)
     plotter.add_mesh(pv.PolyData.from_regular_faces(moved, patient.bone_faces), color=BONE)
 

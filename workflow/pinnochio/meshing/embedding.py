@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from pinnochio.geometry.triangles import closest_on_triangles, face_normals, vertex_normals
 
+STEPS = 10  # of an edge, at which it is looked for where one lip ends and the other begins
 CANDIDATES = 24  # nearest triangles, by their centroids, among which the carrier is sought
 
 
@@ -44,15 +45,50 @@ def embed(
 
 
 def bridging(faces, nodes, mesh_faces) -> np.ndarray:
-    """Faces (f,) bool of a fine surface that span a gap of the mesh, such as the slit between the lips.
+    """Edges (f, 3) bool of a fine surface, from each corner of a face to the next, that span a gap of the mesh, such as
+    the slit between the lips.
 
-    faces (f, 3) of the fine surface, nodes (s, 3) its carriers as :func:`embed` gives them, mesh_faces (g, 3). A face
-    spans a gap if two of its corners hang on triangles that neither share a node nor have nodes joined by an edge.
+    faces (f, 3) of the fine surface, nodes (s, 3) its carriers as :func:`embed` gives them, mesh_faces (g, 3). An edge
+    spans a gap if its ends hang on triangles that neither share a node nor have nodes joined by an edge.
     """
-    joined, spans = _joined(mesh_faces), np.zeros(len(faces), bool)
-    for one, other in ((0, 1), (1, 2), (2, 0)):
-        spans |= _parted(nodes[faces[:, one]], nodes[faces[:, other]], joined)
-    return spans
+    joined = _joined(mesh_faces)
+    return np.stack([_parted(nodes[faces[:, k]], nodes[faces[:, k - 2]], joined) for k in range(3)], axis=1)
+
+
+def cut_between_lips(points, faces, lip, spans, side) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A surface (points (s, 3) mm, faces (f, 3), lip (s,) of each point) cut along the line between the lips.
+
+    spans (f, 3): edges as of :func:`bridging`; those that join the lips are cut where `side`, the lip of points (k, 3),
+    changes. Returns the three with two more points at each cut, one of either lip.
+    """
+    following = np.roll(faces, -1, axis=1)
+    cut = spans & (np.minimum(lip[faces], lip[following]) > 0) & (lip[faces] != lip[following])
+    pairs, numbers = np.unique(np.sort(np.stack([faces[cut], following[cut]], 1), axis=1), axis=0, return_inverse=True)
+    if not len(pairs):
+        return points, faces, lip
+    start, way = points[pairs[:, 0]], points[pairs[:, 1]] - points[pairs[:, 0]]
+    along = (np.arange(STEPS) + 0.5)[:, None, None] / STEPS
+    sides = side((start + along * way).reshape(-1, 3)).reshape(STEPS, -1)
+    places = start + (sides == lip[pairs[:, 0]]).mean(axis=0)[:, None] * way
+    number = np.zeros(faces.shape, int)
+    number[cut] = numbers.ravel()
+    # Turned so that the edge after the first corner is cut, and of two that are, also the one before it.
+    count = cut.sum(axis=1)
+    first = np.argmax(cut & ((count < 2)[:, None] | np.roll(cut, 1, axis=1)), axis=1)
+    order = (first[:, None] + np.arange(3)) % 3
+    (a, b, c), (p, _, q) = (np.take_along_axis(each, order, 1)[count > 0].T for each in (faces, number))
+
+    def beside(cuts, corner):
+        return len(points) + 2 * cuts + (lip[corner] == lip[pairs[cuts, 1]])
+
+    twice = count[count > 0] > 1
+    parts = [
+        np.stack([a, beside(p, a), np.where(twice, beside(q, a), c)], 1),
+        np.stack([beside(p, b), b, c], 1),
+        np.stack([beside(p, b), c, beside(q, c)], 1)[twice],
+    ]
+    faces = np.vstack([faces[count == 0], *parts])
+    return np.vstack([points, places.repeat(2, axis=0)]), faces, np.concatenate([lip, lip[pairs].ravel()])
 
 
 def _joined(faces):

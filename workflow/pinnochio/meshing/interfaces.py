@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from pinnochio.errors import InputError
 from pinnochio.geometry.triangles import corner_sums, face_normals
-from pinnochio.meshing.embedding import bridging, embed
+from pinnochio.meshing.embedding import bridging, cut_between_lips, embed
 from pinnochio.meshing.fields import is_tissue, nearest_voxels, signed_distance
 from pinnochio.meshing.lip_sides import sides_of_nodes, sides_of_points
 from pinnochio.meshing.lips import bite, lip_nodes
@@ -59,7 +59,6 @@ def label_interfaces(
     *,
     sliding_band: float = 18.0,
     release: float = 5.0,
-    by_lip: bool = True,
     reach: float = 5.0,
     contact_gap: float = 1.0,
     contact_share: float = 1 / 3,
@@ -71,8 +70,8 @@ def label_interfaces(
     """The patient model of a mesh: node types, interface kinds, normals, skin and judged face.
 
     labels (nx, ny, nz) internal codes [ix, iy, iz], spacing and origin (3,) mm: the map that was meshed. skin: points
-    (s, 3) and faces (f, 3) of a finer outer skin for the mesh to carry; without it the skin is the mesh's own. by_lip:
-    each of its points hangs on its own lip (:mod:`pinnochio.meshing.lip_sides`), wherever the mesh opens the slit.
+    (s, 3) and faces (f, 3) of a finer outer skin for the mesh to carry; without it the skin is the mesh's own. Each of
+    its points hangs on its own lip (:mod:`pinnochio.meshing.lip_sides`), wherever the mesh opens the slit.
 
     What lies beyond a node: :func:`_nodes_beyond`, by rays of up to `reach` that take air up to `contact_gap` thick in
     front of bone for bone. Its type: :func:`_node_types`, with :func:`opposing_pairs`. Its interface: :func:`_kinds`.
@@ -99,9 +98,7 @@ def label_interfaces(
     lip = lip_nodes(points, faces, airy, node_type != m.FREE, mouth)
     carried = {}
     if skin is not None and len(outer):
-        sides = (
-            (sides_of_points(skin[0], *label_map, mouth), sides_of_nodes(points, mesh.cells, lip)) if by_lip else None
-        )
+        sides = sides_of_points(*label_map, mouth), sides_of_nodes(points, mesh.cells, lip)
         carried = _carried(skin, points, outer, sides)
     skin_points, skin_faces = carried.get("skin_points", points), carried.pop("skin_faces", outer)
     centre, cut = skin_points[skin_faces].mean(axis=1), points[faces[(beyond == m.CUT_PLANE).all(axis=1)]]
@@ -260,13 +257,16 @@ def _beyond(points, faces, normals, labels, spacing, origin, reach_mm, gap_mm) -
 
 
 def _carried(skin, points, outer, sides) -> dict[str, np.ndarray]:
-    """The part of a fine skin (points, faces) that lies on the mesh's outer skin triangles, with its carriers; sides as
-    of :func:`~pinnochio.meshing.embedding.embed`."""
-    skin_points, skin_faces = skin
-    edge = np.linalg.norm(points[outer[:, 0]] - points[outer[:, 1]], axis=1).mean()
-    nodes, weights, distance = embed(skin_points, skin_faces, points, outer, sides, edge)
+    """The part of a fine skin (points, faces) that lies on the mesh's outer skin triangles, with its carriers; cut
+    where the mesh opens the lips. sides: lip of points (k, 3), and (n,) of each node."""
+    (skin_points, skin_faces), (side, node_lips) = skin, sides
+    edge, lip = np.linalg.norm(points[outer[:, 0]] - points[outer[:, 1]], axis=1).mean(), side(skin_points)
+    nodes, _, _ = embed(skin_points, skin_faces, points, outer, (lip, node_lips), edge)
+    spans = bridging(skin_faces, nodes, outer)
+    skin_points, skin_faces, lip = cut_between_lips(skin_points, skin_faces, lip, spans, side)
+    nodes, weights, distance = embed(skin_points, skin_faces, points, outer, (lip, node_lips), edge)
     faces = skin_faces[(distance[skin_faces] < edge).all(axis=1)]
-    faces = faces[~bridging(faces, nodes, outer)]
+    faces = faces[~bridging(faces, nodes, outer).any(axis=1)]
     used, faces = np.unique(faces, return_inverse=True)
     return {
         "skin_points": skin_points[used],

@@ -1,6 +1,8 @@
 """Which lip skin and mesh belong to: the one that is nearer through the tissue. Every mesh of a patient parts the lips
 alike, wherever its own slit lies."""
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import ndimage
 from scipy.sparse.csgraph import dijkstra
@@ -18,14 +20,13 @@ REACH = 15.0  # mm through the tissue from the slit: farther from it nothing is 
 THICK = 5.0  # mm: the widest slit between lips
 
 
-def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
-    """Lip (k,) int8 of the tissue nearest to each point: UPPER_LIP, LOWER_LIP, or NOT_LIP where there is none.
+def sides_of_points(labels, spacing, origin, mouth) -> Callable[[np.ndarray], np.ndarray]:
+    """Lip (k,) int8 of the tissue nearest to points (k, 3) mm: UPPER_LIP, LOWER_LIP, or NOT_LIP where there is none.
 
-    points (k, 3) mm; labels (nx, ny, nz) at spacing, origin (3,) mm; mouth (b, 3) mm, the middle of the bite.
+    labels (nx, ny, nz) at spacing, origin (3,) mm; mouth (b, 3) mm, the middle of the bite.
     """
-    lip = np.full(len(points), NOT_LIP, np.int8)
     if not len(mouth):
-        return lip
+        return lambda points: np.full(len(points), NOT_LIP, np.int8)
     low, high = ((end - origin) / spacing for end in (mouth.min(axis=0) - AROUND, mouth.max(axis=0) + AROUND))
     low = np.clip(np.floor(low).astype(int), 0, labels.shape)
     high = np.clip(np.ceil(high).astype(int) + 1, 0, labels.shape)
@@ -36,12 +37,16 @@ def sides_of_points(points, labels, spacing, origin, mouth) -> np.ndarray:
     for _ in range(int(REACH / spacing.max())):
         for code, reached in [(code, grown(side == code)) for code in SIDES]:
             side[reached & tissue & (side == 0)] = code
-    inside = ((points > origin + low * spacing) & (points < origin + high * spacing)).all(axis=1)
-    voxels = np.argwhere(tissue)
-    if len(voxels) and inside.any():
-        nearest = cKDTree(origin + (low + voxels) * spacing).query(points[inside])[1]
-        lip[inside] = side[tuple(voxels[nearest].T)]
-    return lip
+    tree, sides = cKDTree(origin + (low + np.argwhere(tissue)) * spacing), side[tissue]
+
+    def lips(points: np.ndarray) -> np.ndarray:
+        lip = np.full(len(points), NOT_LIP, np.int8)
+        inside = ((points > origin + low * spacing) & (points < origin + high * spacing)).all(axis=1)
+        if tree.n and inside.any():
+            lip[inside] = sides[tree.query(points[inside])[1]]
+        return lip
+
+    return lips
 
 
 def _beside_slit(labels, tissue, spacing, origin, mouth) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyvista as pv
 from scipy import ndimage, sparse
-from vtkmodules.vtkFiltersCore import vtkConstrainedSmoothingFilter, vtkFlyingEdges3D, vtkQuadricDecimation
+from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkQuadricDecimation
 
 from pinnochio.errors import InputError, damaged
 from pinnochio.files import check_seal, replacing, seal
@@ -20,7 +20,9 @@ from pinnochio.model.labels import AIR, CRANIUM, segment_code
 LOG = logging.getLogger(__name__)
 # Gaussian in voxels: 0.7 still keeps a plate of one voxel (0.52 at its centre).
 SMOOTHING_VOXELS = (0.7, 0.85, 1.0)
-SMOOTHING_STEPS, SHRINKAGE_STEPS = 20, 10
+AVERAGED = 16  # rounds over neighbours, which take off steps that are some eight voxels wide [X]
+FARTHEST = 0.49  # of a voxel that smoothing may move a point of the skin
+SEALED = 1.0  # mm above and below a slit whose sides are taken to touch, as those of sealed lips do [I]
 SLIVER = 0.02  # mm between points that are the same where a surface is cut
 FINEST = 1.0  # mm; finer voxels are taken together, as many as are no larger: half of the thinnest plate that is kept
 
@@ -103,9 +105,9 @@ def bone_surface(labels, spacing, origin, segments: tuple[str, ...], edge_mm: fl
 def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndarray, np.ndarray]:
     """Outer skin, the border of the largest piece of the head: points (p, 3) mm, outward faces (f, 3) int32.
 
-    After a Gaussian of one voxel, which closes sealed lips, the voxels' steps are smoothed away without shrinkage, no
-    point farther than to the corner of its voxel. Open where the head is cut by the border of the volume, along a clean
-    line, because the cut is not skin. The same labels give the same bytes.
+    Sealed lips are one surface, without the slit between them. After a Gaussian of one voxel the voxels' steps are
+    smoothed away without shrinkage, no point by half a voxel. Open where the head is cut by the border of the volume,
+    along a clean line, because the cut is not skin. The same labels give the same bytes.
     """
     pieces, count = ndimage.label(np.asarray(labels) != AIR)
     if count == 0:
@@ -113,6 +115,7 @@ def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndar
     largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
     # The head goes on beyond the cut, so that smoothing does not round the rim off.
     head = np.pad(ndimage.binary_fill_holes(pieces == largest), 4, mode="edge")
+    head |= ndimage.binary_closing(head, np.ones((1, 1, 1 + 2 * round(SEALED / spacing[2]))))
     spacing, low = np.asarray(spacing, float), np.asarray(origin, float)
     share, voxel, start = _pooled(head, spacing, low - 4 * spacing)
     skin = _reduced(_without_steps(_isosurface(share, voxel, start, 1.0), voxel), edge_mm)
@@ -128,28 +131,24 @@ def skin_surface(labels, spacing, origin, edge_mm: float = 2.5) -> tuple[np.ndar
 
 
 def _without_steps(surface: pv.PolyData, spacing) -> pv.PolyData:
-    """A contour of voxels without their steps: smoothed, but for the shrinkage that comes with it."""
-    farthest = float(np.linalg.norm(spacing)) / 2  # to the corner of a voxel
-    smoothing = vtkConstrainedSmoothingFilter()
-    smoothing.SetInputData(surface)
-    smoothing.SetNumberOfIterations(SMOOTHING_STEPS)
-    smoothing.SetRelaxationFactor(0.5)
-    smoothing.SetConstraintStrategyToConstraintDistance()
-    smoothing.SetConstraintDistance(farthest)
-    smoothing.Update()
-    shift = np.asarray(pv.wrap(smoothing.GetOutput()).points, float) - surface.points
-    # What neighbours share of the shift is shrinkage, what they do not are the steps.
-    faces, count = surface.regular_faces, surface.n_points
+    """A contour of voxels without their steps: averaged over neighbours, and what that shrinks put back."""
+    points, faces, count = np.asarray(surface.points, float), surface.regular_faces, surface.n_points
     edges = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
     near = sparse.eye(count) + sparse.csr_matrix((np.ones(faces.size), edges), (count, count))
     near += near.T
-    shrinkage, neighbours = shift, near.sum(axis=1)
-    for _ in range(SHRINKAGE_STEPS):
-        shrinkage = np.asarray(near @ shrinkage / neighbours)
-    shift -= shrinkage
+    neighbours = near.sum(axis=1)
+
+    def averaged(values):
+        for _ in range(AVERAGED):
+            values = np.asarray(near @ values / neighbours)
+        return values
+
+    shift = averaged(points) - points
+    # What neighbours share of the shift is shrinkage, what they do not are the steps.
+    shift -= averaged(shift)
     size = np.linalg.norm(shift, axis=1, keepdims=True)
     smooth = surface.copy()
-    smooth.points = surface.points + shift * np.minimum(1, farthest / np.maximum(size, 1e-9))
+    smooth.points = points + shift * np.minimum(1, FARTHEST * min(spacing) / np.maximum(size, 1e-9))
     return smooth
 
 

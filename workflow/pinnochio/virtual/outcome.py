@@ -164,11 +164,8 @@ class Changes:
         return self.decided(dials) + dials.open * self.open
 
 
-def meshed(operation: Operation, effects: Mapping[str, Any], by_lip: bool | None = None) -> PatientModel:
-    """The model on which the outcome is computed; with nominal effects and equal settings it is the methods' own.
-
-    by_lip as of :func:`label_interfaces`, by default as the cohorts were frozen: before skin was told apart by lip.
-    """
+def meshed(operation: Operation, effects: Mapping[str, Any]) -> PatientModel:
+    """The model on which the outcome is computed; with nominal effects and equal settings it is the methods' own."""
     place, settings = operation.head.label_map, operation.settings
     thresholds = dict(settings.interfaces)
     thresholds["sliding_band"] *= effects["sliding_band_factor"]
@@ -182,7 +179,6 @@ def meshed(operation: Operation, effects: Mapping[str, Any], by_lip: bool | None
         operation.segments,
         operation.bone,
         operation.skin,
-        by_lip=effects["nodes"] is None if by_lip is None else by_lip,
         **thresholds,
     )
 

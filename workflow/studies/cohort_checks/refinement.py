@@ -38,8 +38,8 @@ def measure(operation: Operation) -> list[dict]:
     elsewhere = replace(operation, seed=operation.seed + 1)
     models = {
         METHODS: meshed(operation, off),
-        OUTCOME: meshed(operation, off | {"nodes": nodes}, by_lip=True),
-        "reference": meshed(elsewhere, off | {"nodes": FINER * nodes}, by_lip=True),
+        OUTCOME: meshed(operation, off | {"nodes": nodes}),
+        "reference": meshed(elsewhere, off | {"nodes": FINER * nodes}),
     }
     places = models[METHODS].skin_points[models[METHODS].judged_points]
     index, fields = {name: model.skin_at(places) for name, model in models.items()}, {}
