@@ -24,12 +24,10 @@ def predict_cases(
     :func:`~scripts.tables.evaluate.evaluate`; motions: plans with the files of OUTPUTS.
     """
     with Stages(Path(motions[0][1]["predictions"]).with_name(".predict_cases.json")) as stages:
-        made = {"predictions": [outputs["predictions"] for _, outputs in motions]}
-        stages(predict, {**read, "plans": [plans for plans, _ in motions]}, made, method)
-        for plans, outputs in motions:
-            files = {**judged["files"], "plans": plans, "predictions": outputs["predictions"]}
-            measured = {name: outputs[name] for name in OUTPUTS if name != "predictions"}
-            stages(evaluate, files, measured, judged["settings"])
+        made = {name: [outputs[name] for _, outputs in motions] for name in OUTPUTS}
+        plans = {"plans": [plans for plans, _ in motions]}
+        stages(predict, {**read, **plans}, {"predictions": made["predictions"]}, method)
+        stages(evaluate, {**judged["files"], **plans, "predictions": made.pop("predictions")}, made, judged["settings"])
 
 
 if __name__ == "__main__":

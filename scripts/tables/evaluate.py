@@ -1,4 +1,4 @@
-"""Makes the metrics of a method on a fold's held-out patients."""
+"""Makes the metrics of a method on a fold's held-out patients, of each motion by itself."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,9 @@ from pinnochio.gathered import gathered, gathered_files
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.metrics.case_columns import CASES
-from pinnochio.metrics.evaluation import evaluate_case
+from pinnochio.metrics.evaluation import CaseJudge
 from pinnochio.metrics.judged import Judged
-from pinnochio.metrics.worst_point import compared, write_skins
+from pinnochio.metrics.worst_point import EVERY, write_skins
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
@@ -23,47 +23,47 @@ from pinnochio.plans.plan import Plan
 
 def evaluate(
     cases: Sequence[str],
-    predictions: str,
+    predictions: Sequence[str],
     models: Sequence[str],
-    plans: Sequence[str],
+    plans: Sequence[Sequence[str]],
     postops: Mapping[str, str],
     judged: Mapping[str, str],
     motions: Sequence[str],
     fem: FemSettings,
     labels: dict,
     seed: int,
-    metrics: str,
-    skins: str | None = None,
+    metrics: Sequence[str],
+    skins: Sequence[str] = (),
 ) -> None:
     """Write one row per case, and where the judged skin goes (skins); labels are fold, method and code.
 
-    postops, judged: files by case of those that have a scan, the others get no accuracy; motions: true ones at the
-    points of the models, none without a virtual truth.
+    predictions, plans, metrics and skins: one file, or such files, of each motion that is judged. postops, judged:
+    files by case of those that have a scan, the others get no accuracy; motions: true ones at the points of the models,
+    none without a virtual truth.
     """
-    rows, moved = [], {}
+    rows, moved = [[] for _ in predictions], [{} for _ in predictions]
     for number, case in enumerate(cases):
         patient = PatientModel.read(models[number])
         skin = PostopSkin.read(postops[case]) if case in postops else None
-        samples, prediction = skin and Judged.read(judged[case]), read_prediction(predictions, case)
-        rows.append(
-            evaluate_case(
-                patient,
-                Plan.read(plans[number], case),
-                prediction,
-                fem=fem,
-                seed=seed,
-                target=skin and skin.surface,
-                judged=samples,
-                truth=TrueMotion.read(motions[number], patient, case) if motions else None,
-                labels=labels | (skin.columns if skin else {}),
-            )
+        judge = CaseJudge(
+            patient,
+            fem=fem,
+            seed=seed,
+            target=skin and skin.surface,
+            judged=skin and Judged.read(judged[case]),
+            truth=TrueMotion.read(motions[number], patient, case) if motions else None,
+            labels=labels | (skin.columns if skin else {}),
         )
-        logging.info("%s: CD %.3f mm, min J %.3f", case, rows[-1]["cd"], rows[-1]["min_jacobian"])
-        if np.isfinite(points := prediction.moved_skin(patient)).all() and samples:
-            moved[case] = compared(samples, patient, points)
-    write_rows(rows, metrics, CASES)
-    if skins:
-        write_skins(skins, moved)
+        for motion, file in enumerate(predictions):
+            prediction = read_prediction(file, case)
+            rows[motion].append(row := judge.row(Plan.read(plans[motion][number], case), prediction))
+            logging.info("%s: CD %.3f mm, min J %.3f", case, row["cd"], row["min_jacobian"])
+            if np.isfinite(points := prediction.moved_skin(patient)).all() and skin:
+                moved[motion][case] = judge.before.carried(points)[::EVERY]
+    for file, made in zip(metrics, rows, strict=True):
+        write_rows(made, file, CASES)
+    for file, made in zip(skins, moved, strict=bool(skins)):
+        write_skins(file, made)
 
 
 def files_of(job) -> dict[str, list[str]]:
@@ -108,8 +108,8 @@ if __name__ == "__main__":
     attach_log(snakemake.log[0])
     judged = judging(job=snakemake, files=files_of(job=snakemake))
     evaluate(
-        **judged["files"],
+        **judged["files"] | {"plans": [judged["files"]["plans"]]},
         **judged["settings"],
-        predictions=snakemake.input.predictions,
-        **dict(snakemake.output.items()),
+        predictions=[snakemake.input.predictions],
+        **{name: [file] for name, file in snakemake.output.items()},
     )

@@ -107,12 +107,12 @@ def measured(patient, predictions: str, metrics: str, method: str = "some", **ch
     files = {
         "cases": [patient.case],
         "models": [patient.model],
-        "plans": [patient.plan],
+        "plans": [[patient.plan]],
         "motions": [patient.true_motion],
     }
     scans = {"postops": {patient.case: patient.postop}, "judged": {patient.case: patient.judged}}
     labels = {"fold": "1", "method": method, "code": "0" * 12}
-    about = {"predictions": predictions, "fem": patient.fem, "labels": labels, "seed": SEED, "metrics": metrics}
+    about = {"predictions": [predictions], "fem": patient.fem, "labels": labels, "seed": SEED, "metrics": [metrics]}
     evaluate(**files | scans | about | changes)
     return pd.read_csv(metrics)
 

@@ -77,6 +77,11 @@ def test_other_metrics_judge_anew_what_has_been_predicted(patient, tmp_path, cap
         labels = {"fold": "1", "method": "no_change", "code": code}
         judged = {"files": files, "settings": settings | {"labels": labels}}
         predict_cases({"models": [patient.model], **unread}, method, judged, motions)
-        assert [pd.read_csv(made["metrics"])["code"].item() for _, made in motions] == [code, code]
+        rows = [pd.read_csv(made["metrics"]) for _, made in motions]
+        assert [row["code"].item() for row in rows] == [code, code]
     kept = [record.getMessage() for record in caplog.records if record.getMessage().endswith("kept")]
     assert kept == ["predict predictions_0 predictions_1: kept"]
+    alone = {"plans": [[patient.plan]], "labels": labels}
+    row = measured(patient, motions[1][1]["predictions"], str(tmp_path / "alone.csv"), **alone)
+    pd.testing.assert_frame_equal(row, rows[1])
+    assert rows[0]["moving_error"].item() != rows[1]["moving_error"].item()

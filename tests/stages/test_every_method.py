@@ -134,8 +134,8 @@ class Fold:
         scans, truth = ({one.case: one.postop}, {one.case: one.judged}), str(self.folder / f"{method}.truth.h5")
         carry_truth(one.case, one.truth, self.model(method), truth)
         evaluate(
-            [one.case], predictions, [self.model(method)], [self.motion(method)], *scans, [truth], one.fem,
-            labels, SEED, metrics,
+            [one.case], [predictions], [self.model(method)], [[self.motion(method)]], *scans, [truth], one.fem,
+            labels, SEED, [metrics],
         )  # fmt: skip
         return pd.read_csv(metrics)
 

@@ -73,7 +73,7 @@ def test_the_bounds_of_a_nominal_outcome_are_next_to_nothing(patient, nominal, t
         predictions, metrics = str(tmp_path / f"{name}.h5"), str(tmp_path / f"{name}.csv")
         predict_by(predictor, patient, predictions, plan=nominal["executed"], truths=truths, **settings)
         scans = {"postops": {patient.case: postop}, "judged": {patient.case: judged}}
-        known = {"plans": [nominal["executed"]], "motions": [motion]}
+        known = {"plans": [[nominal["executed"]]], "motions": [motion]}
         rows[name] = measured(patient, predictions, metrics, name, **scans, **known).loc[0]
     floor, oracle = rows["floor_scan"], rows["oracle"]
     assert floor["skin_error_p95"] < 1e-4 > floor["landmark_pogonion"] and np.isnan(floor["seconds"])

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from pinnochio.errors import InputError
 from pinnochio.geometry.alignment import carried
 from pinnochio.geometry.closest_points import closest_points
-from pinnochio.metrics.evaluation import evaluate_case
+from pinnochio.metrics.evaluation import CaseJudge
 from pinnochio.metrics.judged import Judged, choose
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.predictions import Prediction
@@ -62,7 +62,7 @@ def row(patient, moved, seen, judged):
     labels = {"fold": "1", "method": "m", "code": "c", "registration_residual": 0.2}
     prediction = Prediction(None, skin=moved - patient.skin_points)
     common = {"fem": fem_settings(), "seed": 1, "target": seen, "judged": judged, "labels": labels}
-    return evaluate_case(patient, UNKNOWN, prediction, **common)
+    return CaseJudge(patient, **common).row(UNKNOWN, prediction)
 
 
 def test_a_jaw_that_moved_by_10_mm_keeps_its_regions(patient, codes, outcome, seen, judged):

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from pinnochio.errors import InputError
 from pinnochio.geometry.closest_points import signed_distances
 from pinnochio.geometry.triangles import sample_surface
-from pinnochio.metrics.region_errors import LANDMARKS, REGIONS, SHOWN, landmark_errors, region_errors
+from pinnochio.metrics.region_errors import LANDMARKS, REGIONS, SHOWN, landmark_points, region_errors
 from pinnochio.model.landmarks import face_landmarks
 from pinnochio.model.regions import CHIN, NAMES, NOT_JUDGED, regions
 from tests.helpers.virtual_heads import face_alone
@@ -69,18 +69,16 @@ def test_a_region_without_a_sample_has_no_error():
     assert np.isnan(values["region_nose"]) and np.isnan(values["bias_nose"])
 
 
-def test_landmarks_read_the_field_of_errors_at_their_places(patient):
-    assert set(landmark_errors(patient, np.full(len(patient.skin_points), 1.7)).values()) == {1.7}
-    marks = face_landmarks(patient)
-    values = landmark_errors(patient, patient.skin_points[:, 2])
-    assert list(values) == [f"landmark_{name}" for name in LANDMARKS]
+def test_landmarks_are_read_at_their_places(patient):
+    marks, points = face_landmarks(patient), landmark_points(patient)
+    assert tuple(points) == LANDMARKS
+    places = {name: patient.skin_points[point] for name, point in points.items()}
     for name in ("pronasale", "subnasale", "labrale_inferius", "pogonion", "menton"):
-        assert values[f"landmark_{name}"] == pytest.approx(getattr(marks, name)[2], abs=2.5)
-    across = landmark_errors(patient, patient.skin_points[:, 0])
-    assert across["landmark_cheilion_right"] < -10 < 10 < across["landmark_cheilion_left"]
+        assert places[name][2] == pytest.approx(getattr(marks, name)[2], abs=2.5)
+    assert places["cheilion_right"][0] < -10 < 10 < places["cheilion_left"][0]
 
 
 def test_a_face_that_cannot_be_read_is_refused(patient):
     blank = replace(patient, bone_segment=np.full_like(patient.bone_segment, -1), segments=())
     with pytest.raises(InputError, match="cannot be read"):
-        landmark_errors(blank, np.zeros(len(patient.skin_points)))
+        landmark_points(blank)

@@ -13,7 +13,7 @@ from pinnochio.mechanics.elements.tetrahedra import jacobians, node_volumes, sha
 from pinnochio.mechanics.problems import box
 from pinnochio.mechanics.simulation import simulate
 from pinnochio.metrics.case_columns import CASES
-from pinnochio.metrics.evaluation import evaluate_case
+from pinnochio.metrics.evaluation import CaseJudge
 from pinnochio.metrics.judged import choose
 from pinnochio.metrics.validity import (
     EDGE,
@@ -213,9 +213,8 @@ def test_one_case_gives_one_complete_row(patient):
     fem = fem_settings()
     options = {"fem": fem, "seed": 1, "labels": LABELS}
     truth = TrueMotion.of(patient, patient.points, patient.cells, np.full_like(patient.points, 2.0))
-    row = evaluate_case(
-        patient, plan, Prediction(np.zeros_like(patient.points)), target=target, judged=judged, truth=truth, **options
-    )
+    judge = CaseJudge(patient, target=target, judged=judged, truth=truth, **options)
+    row = judge.row(plan, Prediction(np.zeros_like(patient.points)))
     assert (row["target_samples"], row["skin_samples"]) == (len(judged.target), len(judged.skin))
     assert row["cd"] == pytest.approx(1.5) and row["pwr1"] == 0 and row["pwr2"] == 100
     assert row["min_jacobian"] == pytest.approx(1) and row["eqres_rel"] == 0 and row["moving_error"] == 0
@@ -223,23 +222,13 @@ def test_one_case_gives_one_complete_row(patient):
     assert row["skin_error_mean"] == row["skin_error_p95"] == pytest.approx(2 * np.sqrt(3))
     assert np.isnan(row["region_nose"]) and np.isnan(row["landmark_menton"])  # a cube has no face
     assert list(check(pd.DataFrame([row]), CASES)) == [column.name for column in CASES]
-    skin = evaluate_case(
-        patient,
-        plan,
-        Prediction(None, skin=np.zeros_like(patient.skin_points)),
-        target=target,
-        judged=judged,
-        truth=truth,
-        **options,
-    )
+    skin = judge.row(plan, Prediction(None, skin=np.zeros_like(patient.skin_points)))
     assert (skin["cd"], skin["skin_error_mean"]) == (row["cd"], row["skin_error_mean"])
     assert np.isnan([skin["volume_error_mean"], skin["min_jacobian"]]).all()
     check(pd.DataFrame([skin]), CASES)
-    bare = evaluate_case(patient, plan, Prediction(np.zeros_like(patient.points)), **options)
+    bare = CaseJudge(patient, **options).row(plan, Prediction(np.zeros_like(patient.points)))
     assert np.isnan(bare["cd"]) and np.isnan(bare["volume_error_mean"]) and bare["converged"]
-    lost = evaluate_case(
-        patient, plan, Prediction(np.full_like(patient.points, np.nan)), target=target, judged=judged, **options
-    )
+    lost = judge.row(plan, Prediction(np.full_like(patient.points, np.nan)))
     assert not lost["converged"] and np.isnan(lost["cd"]) and "not finite" in lost["reason"]
 
 

@@ -7,7 +7,7 @@ import pytest
 from pinnochio.columns import read_table, write_csv
 from pinnochio.metrics.case_columns import CASES
 from pinnochio.metrics.judged import Judged
-from pinnochio.metrics.worst_point import EVERY, FLAGGED, apart, compared, read_skins, write_skins
+from pinnochio.metrics.worst_point import FLAGGED, apart, read_skins, write_skins
 from pinnochio.tables.comparison import summarise
 from tests.helpers.patients import tiny_patient
 from tests.helpers.rows import row
@@ -32,9 +32,9 @@ def test_the_same_samples_are_compared_of_every_method(tmp_path):
     patient = tiny_patient()
     skin = patient.skin_points[np.unique(patient.skin_faces)]
     judged = Judged(skin, np.zeros(len(skin), np.int8), skin, np.zeros(len(skin), np.int8))
-    still = compared(judged, patient, patient.skin_points)
-    np.testing.assert_allclose(still, skin[::EVERY], atol=1e-6)
-    np.testing.assert_allclose(compared(judged, patient, patient.skin_points + [1, 2, 3]), still + [1, 2, 3], atol=1e-6)
+    still, before = judged.carried(patient, patient.skin_points), judged.before(patient)
+    np.testing.assert_allclose(still, skin, atol=1e-6)
+    np.testing.assert_allclose(before.carried(patient.skin_points + [1, 2, 3]), still + [1, 2, 3], atol=1e-6)
     write_skins(tmp_path / "skins.h5", {"V01": still, "V02": still + 1})
     read = read_skins(tmp_path / "skins.h5")
     assert list(read) == ["V01", "V02"] and np.abs(read["V02"] - still - 1).max() < 1e-4

@@ -29,6 +29,10 @@ class Closest:
         points, faces = self.surface
         return barycentric(self.points, points[faces[self.face]])
 
+    def carried(self, moved) -> np.ndarray:
+        """Where the closest points (k, 3) mm are when those of the surface have moved (p, 3) mm."""
+        return np.einsum("kc,kcx->kx", self.weights, np.asarray(moved)[self.surface[1][self.face]])
+
 
 def closest_points(queries, points, faces) -> Closest:
     """Exact closest point of each query (k, 3) on the triangles points (p, 3), faces (f, 3)."""

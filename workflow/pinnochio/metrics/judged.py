@@ -40,7 +40,11 @@ class Judged:
 
         The models of a case share one skin, but for some triangles between the lips.
         """
-        return _carried(self.skin, patient.skin_points, patient.skin_faces, moved)
+        return self.before(patient).carried(moved)
+
+    def before(self, patient: PatientModel) -> Closest:
+        """The samples of the skin on a model of the case before surgery."""
+        return closest_points(self.skin, patient.skin_points, patient.skin_faces)
 
     def write(self, path: str | os.PathLike) -> None:
         """Write as HDF5."""
@@ -86,7 +90,7 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
     codes = known_regions(patient)
 
     skin = sample_surface(points, faces[roi], samples, seed)
-    shown = _near(closest_points(_carried(skin, points, faces, placed), target_points, target_faces))
+    shown = _near(closest_points(closest_points(skin, points, faces).carried(placed), target_points, target_faces))
     rest = closest_points(skin[shown], points, faces)
     ratio = face_normals(target_points, target_faces)[1].sum() / face_normals(points, faces[roi])[1].sum()
     many = int(np.ceil(samples * np.clip(ratio, 1, 5)))
@@ -108,12 +112,6 @@ def choose(patient: PatientModel, plan: Plan, target_points, target_faces, sampl
 def _near(closest: Closest) -> np.ndarray:
     """Whether what was sought (k,) is there: near, and not beyond an open border."""
     return ~closest.border & (closest.distance < SHOWN)
-
-
-def _carried(places, points, faces, moved) -> np.ndarray:
-    """Places (k, 3) mm on a surface where they are when its points have moved."""
-    here = closest_points(places, points, faces)
-    return np.einsum("kc,kcx->kx", here.weights, np.asarray(moved)[faces[here.face]])
 
 
 def known_regions(patient: PatientModel) -> np.ndarray:

@@ -28,13 +28,10 @@ def region_errors(region, outside) -> dict[str, float]:
     return errors
 
 
-def landmark_errors(patient: PatientModel, errors) -> dict[str, float]:
-    """Columns landmark_*: the errors (s,) mm of the skin points at the point nearest to each landmark before surgery.
-
-    Raises InputError where the face cannot be read.
-    """
+def landmark_points(patient: PatientModel) -> dict[str, int]:
+    """The skin point nearest to each of LANDMARKS before surgery; InputError where the face cannot be read."""
     marks = face_landmarks(patient)
     places = np.vstack([*(getattr(marks, name) for name in MIDLINE), marks.cheilion])
     used = np.unique(patient.skin_faces)
     nearest = used[cKDTree(patient.skin_points[used]).query(places)[1]]
-    return {f"landmark_{name}": float(errors[point]) for name, point in zip(LANDMARKS, nearest, strict=True)}
+    return dict(zip(LANDMARKS, nearest, strict=True))

@@ -19,9 +19,10 @@ OFF_BONE = 3.0
 EDGE = 20.0  # mm from where the scan ends within which what lies beyond it matters [I]
 
 
-def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
-    """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %."""
-    ratio, rest = jacobians(points, cells, displacement), cell_volumes(points, cells)
+def volume_metrics(points, cells, tissue, displacement, rest=None) -> dict[str, float]:
+    """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %; rest
+    (m,) mm3: the cells' volumes, where they are known."""
+    ratio, rest = jacobians(points, cells, displacement), cell_volumes(points, cells) if rest is None else rest
     metrics = {
         "min_jacobian": float(ratio.min()),
         "p1_jacobian": float(np.percentile(ratio, 1)),
@@ -35,14 +36,14 @@ def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
 
 
 def equilibrium_of(
-    patient: PatientModel, displacement, fem: FemSettings, forces: np.ndarray | None = None
+    patient: PatientModel, displacement, fem: FemSettings, forces=None, elements: Elements | None = None
 ) -> dict[str, float | str]:
     """:func:`equilibrium_metrics` of a patient's field (n, 3) mm, with the material and elements of the settings.
 
     forces (n, 3) mN: the load that the field declares, which inner forces balance; its size beside the force of all
-    other nodes is load_rel.
+    other nodes is load_rel. elements: those of the patient, where they are made already.
     """
-    elements = Elements.build(patient.points, patient.cells, fem.material(patient.tissue), fem.volumetric)
+    elements = elements or rest_elements(patient, fem)
     force, stiffness = elements.evaluate(displacement)[1], diagonal_blocks(elements, displacement)
     load = np.zeros_like(force) if forces is None else np.asarray(forces, float)
     metrics = equilibrium_metrics(force - load, stiffness, patient.node_type)
@@ -50,6 +51,11 @@ def equilibrium_of(
     reaction = np.linalg.norm((force - load)[~free])
     metrics["load_rel"] = float(np.linalg.norm(load[free]) / reaction if load.any() else 0.0)
     return metrics | {"eqres_element": fem.volumetric}
+
+
+def rest_elements(patient: PatientModel, fem: FemSettings) -> Elements:
+    """The patient's elements, of the material and kind of the settings."""
+    return Elements.build(patient.points, patient.cells, fem.material(patient.tissue), fem.volumetric)
 
 
 def equilibrium_metrics(force, stiffness, node_type) -> dict[str, float]:

@@ -2,22 +2,13 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from pinnochio.hdf5 import reading, writing
-from pinnochio.metrics.judged import Judged
-from pinnochio.model.patient import PatientModel
 
 FLAGGED = 5.0  # mm from every other prediction beyond which a point is to be looked at [I]
 EVERY = 4  # of the judged samples one in so many is compared: their distance is then about 2 mm
-
-
-def compared(judged: Judged, patient: PatientModel, moved) -> np.ndarray:
-    """Where a method takes some of the judged samples (k, 3) mm, the same of every method of a case; moved (s, 3) mm:
-    the skin points of its model."""
-    return replace(judged, skin=judged.skin[::EVERY]).carried(patient, moved)
 
 
 def apart(skin, others: Iterable[np.ndarray]) -> float:
@@ -28,7 +19,7 @@ def apart(skin, others: Iterable[np.ndarray]) -> float:
 
 
 def write_skins(path: str | os.PathLike, skins: Mapping[str, np.ndarray]) -> None:
-    """Write points (k, 3) mm by case as HDF5."""
+    """Write by case where a method takes one in EVERY of the judged samples (k, 3) mm, as HDF5."""
     with writing(path) as file:
         for case, points in skins.items():
             file.create_dataset(case, data=np.asarray(points, np.float32), compression="gzip", track_times=False)
