@@ -15,8 +15,8 @@ class FiniteElementPredictor:
     """As :class:`pinnochio.methods.protocol.Predictor`.
 
     settings: fem; contact: one of `conditions.ARMS`. What belongs to the patient is kept for further plans of the same
-    one. The first patient's solve is begun once more beforehand, and solved by kept factors, so that
-    no timing holds the loading of compiled code.
+    one. The first patient is solved once more beforehand, by Newton's method for one step, so that no timing holds the
+    loading of compiled code.
     """
 
     def __init__(self, settings: Mapping, trained: str | None, device: str, threads: int):
@@ -53,10 +53,6 @@ class FiniteElementPredictor:
         return self._simulator
 
     def _warm_up(self, planned: Planned) -> None:
-        """Load the compiled code of what may come."""
-        newton = replace(self._fem, time_limit=1e-3, kept_factors=False)
-        simulate(planned.patient, [planned.plan], newton, arm=self._contact)
-        if self._fem.kept_factors:
-            self._simulator_of(planned.patient).solve([planned.plan])
-            self._patient = None
+        """Load the compiled code of what may come: a solve by kept factors, or the first step of Newton's method."""
+        simulate(planned.patient, [planned.plan], replace(self._fem, max_systems=1), arm=self._contact)
         self._warm = True
