@@ -176,22 +176,28 @@ def _cross(a, b):
 
 
 @compiled
+def _less(a, b, share=1.0):
+    """a - share b, (3,), as a tuple: an array is asked of the system each time."""
+    return a[0] - share * b[0], a[1] - share * b[1], a[2] - share * b[2]
+
+
+@compiled
 def _closest(x, corners, shares):
     """Squared distance of x (3,) from a triangle (3, 3), the closest point of which has these shares (3,)."""
-    e, f, g = corners[1] - corners[0], corners[2] - corners[0], x - corners[0]
+    e, f, g = _less(corners[1], corners[0]), _less(corners[2], corners[0]), _less(x, corners[0])
     ee, ef, ff, ge, gf = _dot(e, e), _dot(e, f), _dot(f, f), _dot(g, e), _dot(g, f)
     area = max(ee * ff - ef * ef, 1e-300)
     shares[1], shares[2] = (ff * ge - ef * gf) / area, (ee * gf - ef * ge) / area
     shares[0] = 1 - shares[1] - shares[2]
     if min(shares[0], shares[1], shares[2]) >= 0:
-        away = g - shares[1] * e - shares[2] * f
+        away = _less(_less(g, e, shares[1]), f, shares[2])
         return _dot(away, away)
     least = np.inf
     for i in range(3):
         j = (i + 1) % 3
-        along, start = corners[j] - corners[i], x - corners[i]
+        along, start = _less(corners[j], corners[i]), _less(x, corners[i])
         share = min(max(_dot(start, along) / max(_dot(along, along), 1e-300), 0.0), 1.0)
-        away = start - share * along
+        away = _less(start, along, share)
         if _dot(away, away) < least:
             least = _dot(away, away)
             shares[i], shares[j], shares[3 - i - j] = 1 - share, share, 0.0
@@ -213,7 +219,8 @@ def _local(here, column, seen, width, value, slope):
     for s in range(len(here)):
         x, moved, count = here[s, 0], here[s], seen[s].sum()
         for c in range(count):
-            square[c] = _closest(x, moved[column[s, c]], shares[c])
+            a, b, d = column[s, c]
+            square[c] = _closest(x, (moved[a], moved[b], moved[d]), shares[c])
         weight = np.exp((square[:count].min() - square[:count]) / width**2)
         weight /= weight.sum()
         mean, beside, near = 0.0, 0.0, np.flatnonzero(weight > NEGLIGIBLE**2)
