@@ -93,15 +93,9 @@ def judging(job, files: Mapping[str, Sequence[str]]) -> dict[str, dict]:
     fold = job.wildcards.get("fold") or Path(job.wildcards.batch).name
     about = {"fold": fold, "method": job.wildcards.method, "code": job.params.code}
     scans = {name: dict(zip(job.params.scanned, files[name], strict=True)) for name in ("postops", "judged")}
-    return {
-        "files": scans | {name: files[name] for name in ("models", "plans", "motions")},
-        "settings": {
-            "cases": job.params.cases,
-            "fem": FemSettings(**job.params.fem),
-            "labels": about,
-            "seed": job.params.seed,
-        },
-    }
+    settings = {"cases": job.params.cases, "fem": FemSettings(**job.params.fem), "seed": job.params.seed}
+    files = scans | {name: files[name] for name in ("models", "plans", "motions")}
+    return {"files": files, "settings": settings | {"labels": about}}
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Everything that is measured of one prediction: one row of cases.csv."""
 
 import logging
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -23,33 +24,26 @@ from pinnochio.model.truth import TrueMotion
 from pinnochio.plans.plan import Plan
 
 # Columns that a prediction brings along.
-COPIED = ("device", "seconds", "setup_seconds", "threads", "converged")
-COPIED += ("repaired", "damping")
+COPIED = ("reason", "device", "seconds", "setup_seconds", "threads", "converged", "repaired", "damping")
 # Measured of a learned method's own field too.
 RAW = ("min_jacobian", "inverted", "eqres_paper", "eqres_rel")
 
 
+@dataclass(frozen=True, eq=False)
 class CaseJudge:
     """Measures predictions of one patient; what belongs to the patient is made once, when it is first needed.
 
     target: points and faces of the registered post-operative skin, and judged: where it is judged; it and the truth may
-    be absent, and their columns are then empty. labels: what the caller knows (fold, method, code,
-    registration). fem: material and elements of the residual.
+    be absent, and their columns are then empty. labels: what the caller knows, as the fold. fem: that of the residual.
     """
 
-    def __init__(
-        self,
-        patient: PatientModel,
-        *,
-        fem: FemSettings,
-        seed: int,
-        target: tuple[np.ndarray, np.ndarray] | None = None,
-        judged: Judged | None = None,
-        truth: TrueMotion | None = None,
-        labels: dict | None = None,
-    ):
-        self.patient, self.fem, self.target, self.judged, self.truth = patient, fem, target, judged, truth
-        self.labels = {"nodes": len(patient.points), "muscle": patient.muscle, "seed": seed} | (labels or {})
+    patient: PatientModel
+    fem: FemSettings
+    seed: int
+    target: tuple[np.ndarray, np.ndarray] | None = None
+    judged: Judged | None = None
+    truth: TrueMotion | None = None
+    labels: dict = field(default_factory=dict)
 
     @cached_property
     def elements(self) -> Elements:
@@ -59,10 +53,6 @@ class CaseJudge:
     def before(self) -> Closest:
         """The judged samples of the skin before surgery."""
         return self.judged.before(self.patient)
-
-    @cached_property
-    def skin_areas(self) -> np.ndarray:
-        return vertex_areas(self.patient.skin_points, self.patient.skin_faces)
 
     @cached_property
     def landmarks(self) -> dict[str, int]:
@@ -81,15 +71,14 @@ class CaseJudge:
         """
         patient, u, moved = self.patient, prediction.displacement, prediction.moved_skin(self.patient)
         row = dict.fromkeys((column.name for column in CASES if column.optional), np.nan)
-        row |= {"reason": prediction.reason, "case": plan.case} | {key: getattr(prediction, key) for key in COPIED}
-        row |= self.labels
+        row |= {key: getattr(prediction, key) for key in COPIED} | {"case": plan.case, "seed": self.seed}
+        row |= {"nodes": len(patient.points), "muscle": patient.muscle} | self.labels
         if not np.isfinite(moved if u is None else u).all():
             return row | {"converged": False, "reason": f"the field is not finite ({prediction.reason})"}
         if u is not None:
             row |= self._of_volume(u, prediction.forces) | boundary_metrics(patient, plan, u)
         if prediction.raw is not None:
-            raw = self._of_volume(prediction.raw)
-            row |= {f"raw_{name}": raw[name] for name in RAW}
+            row |= {f"raw_{name}": value for name, value in self._of_volume(prediction.raw).items() if name in RAW}
         if prediction.boundary is not None:
             contact = (patient.node_type != FREE) & (patient.interface_kind != NO_INTERFACE)
             row["interface_error"] = np.linalg.norm(u - prediction.boundary, axis=1)[contact].mean()
@@ -101,7 +90,7 @@ class CaseJudge:
                 volumes = lumped(patient.cells, self.elements.volumes, len(patient.points))
                 row |= mean_and_p95("volume_error", errors, volumes)
             errors = np.linalg.norm(moved - patient.skin_points - self.truth.skin, axis=1)
-            row |= mean_and_p95("skin_error", errors, self.skin_areas)
+            row |= mean_and_p95("skin_error", errors, vertex_areas(patient.skin_points, patient.skin_faces))
             row |= {f"landmark_{name}": float(errors[point]) for name, point in self.landmarks.items()}
         return row
 
@@ -113,8 +102,6 @@ class CaseJudge:
     def _against_scan(self, moved) -> dict:
         judged, faces, face = self.judged, self.patient.skin_faces, len(self.judged.target)
         inside = signed_distances(np.vstack([judged.target, judged.neck]), moved, faces)
-        row = {"target_samples": face, "skin_samples": len(judged.skin)}
-        row |= surface_metrics(
-            moved, faces, self.before.carried(moved), *self.target, judged.target, np.abs(inside[:face])
-        )
+        surfaces = self.before.carried(moved), *self.target, judged.target, np.abs(inside[:face])
+        row = {"target_samples": face, "skin_samples": len(judged.skin)} | surface_metrics(moved, faces, *surfaces)
         return row | region_errors(np.append(judged.target_region, np.full(len(judged.neck), NECK)), -inside)

@@ -20,8 +20,8 @@ EDGE = 20.0  # mm from where the scan ends within which what lies beyond it matt
 
 
 def volume_metrics(points, cells, tissue, displacement, rest=None) -> dict[str, float]:
-    """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %; rest
-    (m,) mm3: the cells' volumes, where they are known."""
+    """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %; rest:
+    volumes (m,) mm3 that are known."""
     ratio, rest = jacobians(points, cells, displacement), cell_volumes(points, cells) if rest is None else rest
     metrics = {
         "min_jacobian": float(ratio.min()),

@@ -185,18 +185,17 @@ def _diagonal_blocks(u, mesh: ElementArrays, order, start, blocks):
             v, mu, stiffening = mesh.volumes[e], mesh.mu[e], mesh.stiffening[e]
             j, excess = deformation(u, mesh.cells[e], mesh.gradients[e], f, cof)
             _, d, dd = extended_log(j, mesh.extension)
-            shear = mu + 2 * stiffening * excess
-            _element(f, cof, mesh.gradients[e], v, shear, 4 * stiffening, first[p] - mu * d, -mu * dd, fg, cg, k)
+            shear, bulk, curve = mu + 2 * stiffening * excess, first[p] - mu * d, -mu * dd
+            _element(f, cof, mesh.gradients[e], v, shear, 4 * stiffening, bulk, curve, fg, cg, k)
             for a in range(4):
                 of_patch[mesh.cells[e, a]] += k[a, a]
                 spread[mesh.cells[e, a]] += v * cg[a]
         stiffness = second[p] / mesh.patch_volumes[p]
         for e in members:
             for n in mesh.cells[e]:  # once: what has been added is zero then
-                for i in range(3):
-                    for q in range(i, 3):
-                        blocks[n, i, q] += of_patch[n, i, q] + stiffness * spread[n, i] * spread[n, q]
-                        blocks[n, q, i] = blocks[n, i, q]
+                for i, q in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+                    blocks[n, i, q] += of_patch[n, i, q] + stiffness * spread[n, i] * spread[n, q]
+                    blocks[n, q, i] = blocks[n, i, q]
                 of_patch[n], spread[n] = 0.0, 0.0
 
 
