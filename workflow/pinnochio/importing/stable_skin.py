@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.distance import cdist
 
 from pinnochio.geometry.closest_points import closest_points
 from pinnochio.model.surfaces import BoneSurface
@@ -73,13 +74,14 @@ def likeliest(places, offsets, normals, moves) -> tuple[np.ndarray, Certainty, n
     weights = np.clip(1 - (offsets / (4.685 * np.hypot(noise, moves))) ** 2, 0, None) ** 2
     used = weights > 1e-3
     where, way, off = places[used], normals[used], offsets[used]
-    apart = ((where[:, None] - where) ** 2).sum(axis=2)
-    spread = noise**2 * SMOOTH**2 * np.exp(-apart / (2 * PATCH**2))
-    spread += np.outer(moves[used], moves[used]) * np.exp(-apart / (2 * TOGETHER**2)) * (way @ way.T)
+    apart, way_moved = cdist(where, where, "sqeuclidean"), moves[used, None] * way
+    spread = np.exp(apart * (-1 / (2 * PATCH**2))) * (noise * SMOOTH) ** 2
+    if moves.any():
+        spread += np.exp(apart * (-1 / (2 * TOGETHER**2))) * (way_moved @ way_moved.T)
     spread[np.diag_indices(len(where))] += noise**2 * (1 / weights[used] - SMOOTH**2)
     centre = where.mean(axis=0)
     rows = np.hstack([np.cross(where - centre, way), way])
-    factor = cho_factor(spread)
+    factor = cho_factor(spread, overwrite_a=True, check_finite=False)
     solved = cho_solve(factor, rows)
     covariance = np.linalg.inv(rows.T @ solved + 1e-8 * np.eye(6))
     motion = covariance @ (solved.T @ off)
