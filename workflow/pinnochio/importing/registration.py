@@ -18,7 +18,8 @@ from pinnochio.plans.plan import RigidMotion
 SAMPLES, COARSE_SAMPLES = 4000, 500
 FEWEST = 50  # points above the plane that a registration needs
 COARSE_KEPT = 0.7  # share of the pairs that a coarse step keeps, nearest first
-COARSE_TRIED = 12  # starts that are followed to the end
+COARSE_FIRST, COARSE_TRIED, COARSE_LAST = 48, 16, 10  # starts compared by all points, on the upper face, and last
+COARSE_EACH, COARSE_VERTICES = 3, 8000  # one point in so many begins; vertices of the surface that are searched
 COARSE_CUT, COARSE_REACH = 5.0, 15.0  # mm
 COARSE_LEAST = 0.15  # share of the scan that must lie on the upper face
 SETTLING = 1800  # points that settle the motion
@@ -175,39 +176,56 @@ def spread(points, faces, count: int) -> np.ndarray:
 def coarse(moving, normals, skin_points, skin_faces, plane: float, front) -> tuple[np.ndarray, np.ndarray]:
     """Rotation (3, 3) and shift (3,) that bring the points `moving` (k, 3) with their normals onto a surface.
 
-    The best of many starts on the vertices of the surface, a skin or a skull: a few steps on all of it each, then the
-    most promising are followed on what lies above z = plane (mm) alone. front (n, 3): the part that `moving` shows.
+    The best of many starts on the vertices of the surface, a skin or a skull: a few steps on all of it each, with few
+    points, then the most promising are followed on what lies above z = plane (mm) alone. front (n, 3): the part that
+    `moving` shows.
     """
-    skin_normals, tree = vertex_normals(skin_points, skin_faces), cKDTree(skin_points)
+    skin_normals = vertex_normals(skin_points, skin_faces)
 
-    def cost(rotation, shift, low):
-        """Mean distance along the normals above z = low, cut off where nothing fits: an outlier costs the same in
-        any pose, and a pose that has hardly any point there is no fit."""
-        placed = moving @ rotation.T + shift
+    def view(each, at):
+        return moving[::each], normals[::each], cKDTree(skin_points[at]), skin_points[at], skin_normals[at]
+
+    def pairs(turns, shifts, low, view):
+        """Of every start: places, nearest vertices and their normals, distances, cosines, what lies above z = low."""
+        points, ways, tree, vertices, vertex_ways = view
+        placed = points @ turns.mT + shifts[:, None]
         distance, near = tree.query(placed)
-        off = np.abs(np.einsum("ij,ij->i", placed - skin_points[near], skin_normals[near]))
-        facing = np.einsum("ij,ij->i", normals @ rotation.T, skin_normals[near]) > 0.5
-        off = np.where(facing & (distance < COARSE_REACH), np.minimum(off, COARSE_CUT), COARSE_CUT)
-        counted = placed[:, 2] >= low
-        return off[counted].mean() if counted.mean() > COARSE_LEAST else COARSE_CUT
+        facing = np.einsum("skx,skx->sk", ways @ turns.mT, vertex_ways[near])
+        return placed, vertices[near], vertex_ways[near], distance, facing, placed[..., 2] >= low
 
-    def improved(rotation, shift, low, steps):
+    def best(turns, shifts, low, view, count):
+        """Which starts have the least mean distance along the normals above z = low, cut off where nothing fits: an
+        outlier costs the same in any pose, and a pose that has hardly any point there is no fit."""
+        placed, near, ways, distance, facing, counted = pairs(turns, shifts, low, view)
+        off = np.minimum(np.abs(np.einsum("skx,skx->sk", placed - near, ways)), COARSE_CUT)
+        off = np.where((facing > 0.5) & (distance < COARSE_REACH), off, COARSE_CUT)
+        share = counted.mean(axis=1)
+        cost = np.where(share > COARSE_LEAST, (off * counted).mean(axis=1) / np.maximum(share, 1e-9), COARSE_CUT)
+        return np.argsort(cost, kind="stable")[:count]  # ties stay in order
+
+    def improved(turns, shifts, low, view, steps):
         for _ in range(steps):
-            placed = moving @ rotation.T + shift
-            distance, near = tree.query(placed)
-            used = placed[:, 2] >= low
-            used &= np.einsum("ij,ij->i", normals @ rotation.T, skin_normals[near]) > 0
-            if used.sum() < 20:
-                break
-            used &= distance <= np.quantile(distance[used], COARSE_KEPT)
-            turn, move = step(placed[used], skin_points[near[used]], skin_normals[near[used]])
-            rotation, shift = turn @ rotation, turn @ shift + move
-        return rotation, shift
+            placed, near, ways, distance, facing, used = pairs(turns, shifts, low, view)
+            used &= facing > 0
+            count = used.sum(axis=1, keepdims=True)
+            ordered = np.sort(np.where(used, distance, np.inf), axis=1)
+            last = (COARSE_KEPT * np.maximum(count - 1, 0)).astype(int)
+            used &= (distance <= np.take_along_axis(ordered, last, axis=1)) & (count >= 20)
+            turn, move = step(placed, near, ways, used)
+            turns, shifts = turn @ turns, np.einsum("sxy,sy->sx", turn, shifts) + move
+        return turns, shifts
 
-    anywhere, upper = -np.inf, plane - 10
-    starts = [improved(*start, anywhere, 5) for start in _starts(moving, front)]
-    promising = sorted(starts, key=lambda start: cost(*start, anywhere))[:COARSE_TRIED]  # stable: ties stay in order
-    return min((improved(*start, upper, 25) for start in promising), key=lambda start: cost(*start, upper))
+    anywhere, upper, sparse = -np.inf, plane - 10, spread(skin_points, skin_faces, COARSE_VERTICES)
+    few, every, whole = view(COARSE_EACH, sparse), view(1, sparse), view(1, slice(None))
+    starts = [np.array(parts) for parts in zip(*_starts(moving, front), strict=True)]
+    moved = improved(*starts, anywhere, few, 5)
+    kept = best(*moved, anywhere, few, COARSE_FIRST)
+    kept = kept[best(*(part[kept] for part in moved), anywhere, every, COARSE_TRIED)]
+    kept = kept[best(*improved(*(part[kept] for part in moved), upper, every, 10), upper, every, COARSE_LAST)]
+    # The last go all the way from their starts by all vertices: where that ends does not depend on the few.
+    moved = improved(*improved(*(part[kept] for part in starts), anywhere, whole, 5), upper, whole, 25)
+    (first,) = best(*moved, upper, whole, 1)
+    return moved[0][first], moved[1][first]
 
 
 def _starts(moving, front):
@@ -219,9 +237,10 @@ def _starts(moving, front):
     axes = [np.linalg.svd(cloud - cloud.mean(axis=0), full_matrices=False)[2] for cloud in (moving, front)]
     axes = [frame * np.sign(np.linalg.det(frame)) for frame in axes]
     flips = [turn for turn in turns if np.count_nonzero(np.diag(turn)) == 3]
+    middle = moving.mean(axis=0), front.mean(axis=0)
     for rotation in turns + [axes[1].T @ flip @ axes[0] for flip in flips]:
         for beside in ((0, 0, 0), (35, 0, 0), (-35, 0, 0), (0, 0, 35), (0, 0, -35)):  # half a face, a neck or hair
-            yield rotation, front.mean(axis=0) + beside - rotation @ moving.mean(axis=0)
+            yield rotation, middle[1] + beside - rotation @ middle[0]
 
 
 def _fine(moving, normals, rotation, shift, skin_points, skin_faces, plane, steps: int = 40, scaled: bool = False):
@@ -280,19 +299,23 @@ def _settled(
 
 
 def step(placed, targets, normals, weights=1.0, scaled: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation and shift of the linearised, weighted least-squares step along the normals; scaled: with a scale, which
-    is a factor of the rotation."""
-    centre = placed.mean(axis=0)
+    """Rotation and shift of the linearised, weighted least-squares step along the normals, of any number of starts
+    (..., k, 3) with weights (..., k) at once; scaled: with a scale, which is a factor of the rotation."""
+    weights = np.broadcast_to(weights, placed.shape[:-1])[..., None]
+    centre = (weights * placed).sum(axis=-2, keepdims=True) / np.maximum(weights.sum(axis=-2, keepdims=True), 1e-9)
     away = placed - centre
     columns = [np.cross(away, normals), normals]
     if scaled:
-        columns.append(np.einsum("ij,ij->i", away, normals)[:, None])
-    matrix = np.hstack(columns)
-    right = np.einsum("ij,ij->i", targets - placed, normals)
+        columns.append((away * normals).sum(axis=-1, keepdims=True))
+    matrix = np.concatenate(columns, axis=-1)
+    right = ((targets - placed) * normals).sum(axis=-1, keepdims=True)
+    weighted = (matrix * weights).mT
+    square = weighted @ matrix
     # A little damping: a sphere or a plane leaves turns undetermined.
-    size = np.linalg.norm(matrix, axis=0).max()
-    weighted = (matrix * np.reshape(weights, (-1, 1))).T
-    damped = weighted @ matrix + 1e-8 * size**2 * np.eye(matrix.shape[1])
-    solution = np.linalg.solve(damped, weighted @ right)
-    turn = Rotation.from_rotvec(solution[:3]).as_matrix() * (1 + solution[6] if scaled else 1)
-    return turn, solution[3:6] + centre - turn @ centre
+    size = np.maximum(np.einsum("...ii->...i", square).max(axis=-1), 1e-9)
+    damped = square + 1e-8 * size[..., None, None] * np.eye(matrix.shape[-1])
+    solution = np.linalg.solve(damped, weighted @ right)[..., 0]
+    turn = Rotation.from_rotvec(solution[..., :3]).as_matrix()
+    if scaled:
+        turn = turn * (1 + solution[..., 6, None, None])
+    return turn, solution[..., 3:6] + centre[..., 0, :] - np.einsum("...xy,...y->...x", turn, centre[..., 0, :])
