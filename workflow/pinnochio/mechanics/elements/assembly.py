@@ -165,38 +165,12 @@ def _patches(elements: Elements) -> PatchBlocks:
 
 def diagonal_blocks(elements: Elements, displacement) -> np.ndarray:
     """Diagonal blocks (n, 3, 3) of the tangent in mN/mm at a displacement (n, 3) mm, without any constraint."""
-    order = np.argsort(elements.patch, kind="stable")
-    start = np.concatenate([[0], np.cumsum(np.bincount(elements.patch))])
-    blocks = np.zeros((elements.nodes, 3, 3))
-    _diagonal_blocks(np.ascontiguousarray(displacement, float), elements.arrays, order, start, blocks)
+    assembler = Assembler(elements, np.zeros((elements.nodes, 3), bool), np.zeros(0, int))
+    tangent = assembler.upper(assembler.tangent(displacement, np.zeros((0, 3, 3)))[0])
+    blocks = np.empty((elements.nodes, 3, 3))
+    for i, j in zip(*np.triu_indices(3), strict=True):
+        blocks[:, i, j] = blocks[:, j, i] = tangent.diagonal(j - i)[i::3]
     return blocks
-
-
-@compiled
-def _diagonal_blocks(u, mesh: ElementArrays, order, start, blocks):
-    """Adds to blocks (n, 3, 3); order, start: as of :class:`PatchBlocks`."""
-    f, cof, fg, cg = np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 3)), np.empty((4, 3))
-    k, of_patch, spread = np.empty((4, 4, 3, 3)), np.zeros(blocks.shape), np.zeros(blocks.shape[:2])
-    first, second = np.empty(len(mesh.patch_volumes)), np.empty(len(mesh.patch_volumes))
-    patch_bulk(u, mesh, first, second)
-    for p in range(len(mesh.patch_volumes)):
-        members = order[start[p] : start[p + 1]]
-        for e in members:
-            v, mu, stiffening = mesh.volumes[e], mesh.mu[e], mesh.stiffening[e]
-            j, excess = deformation(u, mesh.cells[e], mesh.gradients[e], f, cof)
-            _, d, dd = extended_log(j, mesh.extension)
-            shear, bulk, curve = mu + 2 * stiffening * excess, first[p] - mu * d, -mu * dd
-            _element(f, cof, mesh.gradients[e], v, shear, 4 * stiffening, bulk, curve, fg, cg, k)
-            for a in range(4):
-                of_patch[mesh.cells[e, a]] += k[a, a]
-                spread[mesh.cells[e, a]] += v * cg[a]
-        stiffness = second[p] / mesh.patch_volumes[p]
-        for e in members:
-            for n in mesh.cells[e]:  # once: what has been added is zero then
-                for i, q in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-                    blocks[n, i, q] += of_patch[n, i, q] + stiffness * spread[n, i] * spread[n, q]
-                    blocks[n, q, i] = blocks[n, i, q]
-                of_patch[n], spread[n] = 0.0, 0.0
 
 
 @compiled
