@@ -91,7 +91,7 @@ def test_a_skin_that_is_carried_lies_on_the_scan(patient, outcome, seen):
     closest = closest_points(moved[patient.judged_points], *seen)
     assert np.mean(closest.distance[~closest.border]) < 0.3
     away = np.linalg.norm(moved - outcome, axis=1)[patient.judged_points]
-    assert away.mean() < 1.5 < 4 < np.linalg.norm(patient.skin_points - outcome, axis=1)[patient.judged_points].max()
+    assert away.mean() < 1.6 < 4 < np.linalg.norm(patient.skin_points - outcome, axis=1)[patient.judged_points].max()
 
 
 def test_what_a_scan_does_not_show_is_judged_by_neither_surface(outcome, seen, judged, patient):
