@@ -16,9 +16,9 @@ def embed(
     """Triangle of the mesh boundary that carries each point of a surface.
 
     points (s, 3), faces (f, 3) outward: the fine surface; mesh_points (n, 3), mesh_faces (g, 3) outward: the boundary.
-    sides: lip (s,) of each point and (n,) of each node, 0 where unknown. Where a gap parts the nearest triangle, of the
-    other lip, from the nearest one of its own within `reach` mm, the latter carries: a coarse mesh opens the slit
-    elsewhere.
+    sides: lip (s,) of each point and (n,) of each node, 0 where unknown. Where no candidate faces a point, or a gap
+    parts the nearest triangle, of the other lip, from the nearest one of its own within `reach` mm, the latter carries:
+    a coarse mesh opens the slit elsewhere, and there either may face its own way.
     Returns the carrier's nodes (s, 3), barycentric weights (s, 3) of its closest point, and the distance (s,) in mm,
     infinite where every candidate faces the other way (the other lip).
     """
@@ -33,12 +33,13 @@ def embed(
         lip, wanted = sides[1][mesh_faces], sides[0][:, None]
         lip = np.where((lip == lip[:, :1]).all(axis=1), lip[:, 0], 0)[near]
         same_lip, other = (lip > 0) & (lip == wanted), (lip > 0) & (wanted > 0) & (lip != wanted)
-        # Of its own lip any triangle will do: at the slit skin and mesh face each their own way.
         same = np.argmin(np.where(same_lip, away, np.inf), axis=1)
-        moved = other[row, best] & same_lip[row, same] & (away[row, same] < reach)
-        if moved.any():
-            one, another = (mesh_faces[near[row, choice]][moved] for choice in (best, same))
-            moved[moved] = _parted(one, another, _joined(mesh_faces))
+        moved = same_lip[row, same] & (away[row, same] < reach)
+        parted = moved & other[row, best]
+        moved &= np.isinf(distance[row, best])
+        if parted.any():
+            one, another = (mesh_faces[near[row, choice]][parted] for choice in (best, same))
+            moved[parted] |= _parted(one, another, _joined(mesh_faces))
         best = np.where(moved, same, best)
         distance[moved] = away[moved]
     return mesh_faces[near[row, best]], weights[row, best], distance[row, best]

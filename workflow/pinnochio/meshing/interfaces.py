@@ -262,11 +262,12 @@ def _carried(skin, points, outer, sides) -> dict[str, np.ndarray]:
     (skin_points, skin_faces), (side, node_lips) = skin, sides
     edge, lip = np.linalg.norm(points[outer[:, 0]] - points[outer[:, 1]], axis=1).mean(), side(skin_points)
     nodes, _, _ = embed(skin_points, skin_faces, points, outer, (lip, node_lips), edge)
-    spans = bridging(skin_faces, nodes, outer)
+    spans, whole = bridging(skin_faces, nodes, outer), len(skin_points)
     skin_points, skin_faces, lip = cut_between_lips(skin_points, skin_faces, lip, spans, side)
     nodes, weights, distance = embed(skin_points, skin_faces, points, outer, (lip, node_lips), edge)
     faces = skin_faces[(distance[skin_faces] < edge).all(axis=1)]
-    faces = faces[~bridging(faces, nodes, outer).any(axis=1)]
+    # What lies at the cut is of one lip, whatever carries its corners.
+    faces = faces[(faces >= whole).any(axis=1) | ~bridging(faces, nodes, outer).any(axis=1)]
     used, faces = np.unique(faces, return_inverse=True)
     return {
         "skin_points": skin_points[used],
