@@ -112,7 +112,9 @@ def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibr
     for fold, files in zip(FOLDS, patients, strict=False):
         patient, judged = PatientModel.read(files.model), Judged.read(files.judged)
         scan = PostopSkin.read(files.postop).surface
-        skin = judged.carried(patient, patient.moved_skin(read_prediction(ensembles[files.case], fold).displacement))
+        skin = judged.before(patient).carried(
+            patient.moved_skin(read_prediction(ensembles[files.case], fold).displacement)
+        )
         errors.append(closest_points(skin[judged.skin_region == NAMES.index(region)], *scan).distance)
     width = Calibration.read(calibration[0]).half_width[region]
     share = sum(np.mean(distances <= width) for distances in errors) / 2

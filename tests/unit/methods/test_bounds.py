@@ -39,7 +39,7 @@ def test_the_true_skin_against_a_scan_without_noise_is_nothing_off(tmp_path):
     assert np.allclose(moved, scan, atol=1e-9)
     judged = choose(patient, tiny_plan(), scan, patient.skin_faces, 500, 1)
     values = surface_metrics(
-        moved, patient.skin_faces, judged.carried(patient, moved), scan, patient.skin_faces, judged.target
+        moved, patient.skin_faces, judged.before(patient).carried(moved), scan, patient.skin_faces, judged.target
     )
     assert values["hdmax"] < 1e-9 and values["pwr1"] == 100
 

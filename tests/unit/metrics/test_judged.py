@@ -137,9 +137,11 @@ def test_a_lip_that_shrinks_cannot_drop_its_worst_samples(patient, codes, outcom
 
 
 def test_samples_are_carried_by_the_skin_that_they_lie_on(patient, judged):
-    assert np.allclose(judged.carried(patient, patient.skin_points), judged.skin, atol=1e-6)
+    assert np.allclose(judged.before(patient).carried(patient.skin_points), judged.skin, atol=1e-6)
     turned = patient.skin_points @ np.diag([1, 1.1, 0.9]) + [1, 2, 3]
-    assert np.allclose(judged.carried(patient, turned), judged.skin @ np.diag([1, 1.1, 0.9]) + [1, 2, 3], atol=1e-6)
+    assert np.allclose(
+        judged.before(patient).carried(turned), judged.skin @ np.diag([1, 1.1, 0.9]) + [1, 2, 3], atol=1e-6
+    )
 
 
 def test_the_choice_is_its_seed_and_is_stored(patient, seen, judged, tmp_path):

@@ -32,7 +32,7 @@ def test_the_same_samples_are_compared_of_every_method(tmp_path):
     patient = tiny_patient()
     skin = patient.skin_points[np.unique(patient.skin_faces)]
     judged = Judged(skin, np.zeros(len(skin), np.int8), skin, np.zeros(len(skin), np.int8))
-    still, before = judged.carried(patient, patient.skin_points), judged.before(patient)
+    still, before = judged.before(patient).carried(patient.skin_points), judged.before(patient)
     np.testing.assert_allclose(still, skin, atol=1e-6)
     np.testing.assert_allclose(before.carried(patient.skin_points + [1, 2, 3]), still + [1, 2, 3], atol=1e-6)
     write_skins(tmp_path / "skins.h5", {"V01": still, "V02": still + 1})

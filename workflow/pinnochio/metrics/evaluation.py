@@ -96,7 +96,7 @@ class CaseJudge:
 
     def _of_volume(self, displacement, forces=None) -> dict:
         patient, elements = self.patient, self.elements
-        metrics = volume_metrics(patient.points, patient.cells, patient.tissue, displacement, elements.volumes)
+        metrics = volume_metrics(patient.points, patient.cells, patient.tissue, displacement)
         return metrics | equilibrium_of(patient, displacement, self.fem, forces, elements)
 
     def _against_scan(self, moved) -> dict:

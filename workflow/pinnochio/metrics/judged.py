@@ -35,15 +35,11 @@ class Judged:
     skin_region: np.ndarray
     neck: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
-    def carried(self, patient: PatientModel, moved) -> np.ndarray:
-        """Where the samples of the skin (j, 3) mm are when the skin points of a model of the case are moved (s, 3) mm.
+    def before(self, patient: PatientModel) -> Closest:
+        """The samples of the skin on a model of the case before surgery, to be carried where its skin moves.
 
         The models of a case share one skin, but for some triangles between the lips.
         """
-        return self.before(patient).carried(moved)
-
-    def before(self, patient: PatientModel) -> Closest:
-        """The samples of the skin on a model of the case before surgery."""
         return closest_points(self.skin, patient.skin_points, patient.skin_faces)
 
     def write(self, path: str | os.PathLike) -> None:

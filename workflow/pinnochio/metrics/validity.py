@@ -19,10 +19,9 @@ OFF_BONE = 3.0
 EDGE = 20.0  # mm from where the scan ends within which what lies beyond it matters [I]
 
 
-def volume_metrics(points, cells, tissue, displacement, rest=None) -> dict[str, float]:
-    """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %; rest:
-    volumes (m,) mm3 that are known."""
-    ratio, rest = jacobians(points, cells, displacement), cell_volumes(points, cells) if rest is None else rest
+def volume_metrics(points, cells, tissue, displacement) -> dict[str, float]:
+    """min J, its 1st percentile, the count of inverted elements, and the change of volume of each tissue in %."""
+    ratio, rest = jacobians(points, cells, displacement), cell_volumes(points, cells)
     metrics = {
         "min_jacobian": float(ratio.min()),
         "p1_jacobian": float(np.percentile(ratio, 1)),

@@ -59,7 +59,7 @@ def held_out(case: str, fold: str, patient: PatientModel, judged: Judged, moved,
 
     judged: the samples of the skin, which are those of the accuracy.
     """
-    samples = judged.carried(patient, moved)
+    samples = judged.before(patient).carried(moved)
     known = judged.skin_region >= 0
     return HeldOut(case, fold, closest_points(samples[known], points, faces).distance, judged.skin_region[known])
 
