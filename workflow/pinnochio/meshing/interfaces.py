@@ -263,10 +263,11 @@ def _carried(skin, points, outer, sides) -> dict[str, np.ndarray]:
     edge, lip = np.linalg.norm(points[outer[:, 0]] - points[outer[:, 1]], axis=1).mean(), side(skin_points)
     spans, whole = np.zeros(skin_faces.shape, bool), len(skin_points)
     between = np.flatnonzero(np.ptp(lip[skin_faces], axis=1))
-    used, strip = np.unique(skin_faces[between], return_inverse=True)
-    strip = strip.reshape(-1, 3)
-    nodes, _, _ = embed(skin_points[used], strip, points, outer, (lip[used], node_lips), edge)
-    spans[between] = bridging(strip, nodes, outer)
+    if len(between):
+        used, strip = np.unique(skin_faces[between], return_inverse=True)
+        strip = strip.reshape(-1, 3)
+        nodes, _, _ = embed(skin_points[used], strip, points, outer, (lip[used], node_lips), edge)
+        spans[between] = bridging(strip, nodes, outer)
     skin_points, skin_faces, lip = cut_between_lips(skin_points, skin_faces, lip, spans, side)
     nodes, weights, distance = embed(skin_points, skin_faces, points, outer, (lip, node_lips), edge)
     faces = skin_faces[(distance[skin_faces] < edge).all(axis=1)]

@@ -84,10 +84,10 @@ class PatientModel:
         return self.skin_points + np.einsum("sc,scx->sx", self.skin_weights, displacement[self.skin_nodes])
 
     def skin_at(self, places) -> np.ndarray:
-        """Index (k,) of the skin point at each place (k, 3) mm, -1 where there is none: the models of a case copy their
-        skin from one surface, and each parts the lips for itself."""
-        away, nearest = cKDTree(self.skin_points).query(places)
-        return np.where(away < SAME_PLACE, nearest, -1)
+        """Index (k,) of the skin point at each place (k, 3) mm, -1 where there is none, or one of each lip: the models
+        of a case copy their skin from one surface, and each parts the lips for itself."""
+        away, nearest = cKDTree(self.skin_points).query(places, 2)
+        return np.where((away < SAME_PLACE).sum(axis=1) == 1, nearest[:, 0], -1)
 
     @property
     def judged_points(self) -> np.ndarray:

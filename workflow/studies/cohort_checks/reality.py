@@ -88,7 +88,7 @@ def measure(operation: Operation, effects: dict[str, Any] | str, samples: int) -
                 for field in (outcome.expected, outcome.displacement)
             )
             metrics, learner, floor = (
-                surface_metrics(skin, coarse.skin_faces, judged.carried(coarse, skin), *target, judged.target)
+                surface_metrics(skin, coarse.skin_faces, judged.before(coarse).carried(skin), *target, judged.target)
                 for skin in (predicted, *known)
             )
             outside = -signed_distances(judged.target, predicted, coarse.skin_faces)

@@ -75,7 +75,7 @@ def judge(
     row |= dict.fromkeys(("volume_error", "eqres_rel", "min_jacobian", "inverted"), np.nan)
     if not np.isfinite(moved).all():
         return row | {"converged": False}
-    skin = judged.carried(patient, moved)
+    skin = judged.before(patient).carried(moved)
     row["cd"] = surface_metrics(moved, patient.skin_faces, skin, *target, judged.target)["cd"]
     if reference is not None:
         errors = reference.face_errors(patient, moved)
