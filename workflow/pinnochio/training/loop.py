@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from pinnochio.files import replacing
 from pinnochio.seeds import generator
 from pinnochio.training.checkpoint import fingerprint, load_state, save_state
+from pinnochio.training.muon import Muon
 from pinnochio.training.progress import TrainingProgress
 from pinnochio.training.settings import TrainingSettings
 
@@ -121,12 +122,13 @@ def train(
 
 
 def _deterministic_optimizer(network: nn.Module, settings: TrainingSettings) -> torch.optim.Optimizer:
-    """AdamW whose steps can be repeated, on a CPU to the last bit."""
+    """One whose steps can be repeated, on a CPU to the last bit."""
     on_cpu = next(network.parameters()).device.type == "cpu"
     torch.use_deterministic_algorithms(True, warn_only=not on_cpu)
     torch.utils.deterministic.fill_uninitialized_memory = False  # every element is written
-    return torch.optim.AdamW(
+    return Muon(
         network.parameters(),
+        settings.muon,
         lr=settings.learning_rate,
         betas=(settings.beta1, settings.beta2),
         weight_decay=settings.weight_decay,

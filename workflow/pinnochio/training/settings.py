@@ -14,7 +14,8 @@ class TrainingSettings:
 
     steps: optimisation steps. learning_rate: of AdamW (averages of its gradients by `beta1` and `beta2`), after a
     linear warm-up over the share `warmup` of the steps, then a cosine to zero, or, where `decay` is not 0, that factor
-    again and again, each share `decay_every` of the steps, down to `decay_floor` of the full rate. weights: of the
+    again and again, each share `decay_every` of the steps, down to `decay_floor` of the full rate. muon: multiple of it
+    at which matrices take orthogonal steps (:mod:`pinnochio.training.muon`), 0 for none. weights: of the
     physics, data and boundary terms, (1, 2, 1) in the paper [S]; the data term is the volumetric error in pretraining,
     the Chamfer distance in fine-tuning; weight 0 leaves a term out. clip: largest norm of the gradient. mirror: show
     each patient left-right mirrored half of the time. surface_samples, surface_cutoff (mm): see SurfaceLoss.
@@ -49,6 +50,7 @@ class TrainingSettings:
     mirror: bool
     validation: int
     validate_every: int
+    muon: float = 0.0
     physics_ramp: float = 0.0
     sources: bool = False
     surface_samples: int = 0
