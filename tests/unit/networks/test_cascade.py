@@ -39,10 +39,10 @@ def shaken(settings=SMALL, seed=0):
     return network
 
 
-@pytest.mark.parametrize("decomposition", [True, False])
-def test_untrained_network_moves_nothing_and_returns_the_cue(decomposition):
+@pytest.mark.parametrize("form", [{}, {"volume": "whole"}, {"decomposition": False}])
+def test_untrained_network_moves_nothing_and_returns_the_cue(form):
     patient, plan = tensors(tiny_patient()), tiny_plan()
-    network = build(replace(SMALL, decomposition=decomposition))
+    network = build(replace(SMALL, **form))
     prediction = network(patient.anatomy, patient.signal(plan))
     assert prediction.displacement.abs().max() == 0
     cue, reliable = patient.model.reference_cue(plan)
@@ -51,11 +51,11 @@ def test_untrained_network_moves_nothing_and_returns_the_cue(decomposition):
     assert (patient.operator.jacobians(prediction.displacement) - 1).abs().max() < 1e-6
 
 
-@pytest.mark.parametrize("decomposition", [True, False])
-def test_prediction_follows_a_renumbering_of_the_nodes(decomposition):
+@pytest.mark.parametrize("form", [{}, {"volume": "whole"}, {"decomposition": False}])
+def test_prediction_follows_a_renumbering_of_the_nodes(form):
     model, plan = tiny_patient(), tiny_plan()
     order = np.random.default_rng(0).permutation(len(model.points))
-    network = shaken(replace(SMALL, decomposition=decomposition))
+    network = shaken(replace(SMALL, **form))
     results = []
     for each in (model, renumbered(model, order)):
         patient = tensors(each)

@@ -6,7 +6,7 @@ from functools import cache
 import torch
 from torch import nn
 
-from pinnochio.networks.cascade import Cascade
+from pinnochio.networks.cascade import Cascade, OneVolume
 from pinnochio.networks.lifted import Lifted
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.unified import Unified
@@ -18,7 +18,9 @@ def build(settings: NetworkSettings) -> nn.Module:
     """The network of the settings, freshly initialised from torch's random state."""
     if not settings.decomposition:
         return Unified(matched(settings) if settings.match_parameters else settings)
-    return Cascade(settings) if settings.lift == "none" else Lifted(settings)
+    if settings.lift != "none":
+        return Lifted(settings)
+    return Cascade(settings) if settings.volume == "tissues" else OneVolume(settings)
 
 
 @cache

@@ -47,3 +47,35 @@ class Cascade(TwoTissues):
         u = self.superficial(graph, rest["superficial"], boundary.displacement[nodes], boundary.known[nodes])
         displacement = added.plus(nodes, u).onto(field)
         return InterfaceAndVolume(displacement * flip, boundary.displacement * flip, boundary.known)
+
+
+class OneVolume(TwoTissues):
+    """The cascade's interfaces, and one volume network over the whole mesh: the paper's P_vol to the letter [I].
+
+    Without a motion of the muscle the interface of both tissues is read off what is known on the muscle's surface.
+    """
+
+    muscle = superficial = None
+
+    def __init__(self, settings: NetworkSettings):
+        super().__init__(settings)
+        self.muscle_superficial = BoundaryNetwork(settings)
+        self.volume = VolumeNetwork(settings)
+
+    def encode_rest(self, anatomy: TissueGraphs, mirror: bool = False) -> dict[str, Tensor]:
+        """What the volume network knows of the patient's rest geometry; serves every plan."""
+        return {"whole": self.volume.encode_rest(anatomy.whole.mirrored(self.flips[int(mirror)]))}
+
+    def forward(
+        self, anatomy: TissueGraphs, plan: PlanSignal, mirror: bool = False, rest: dict[str, Tensor] | None = None
+    ) -> InterfaceAndVolume:
+        """As :meth:`Cascade.forward`."""
+        flip, nodes = self.flips[int(mirror)], anatomy.muscle_nodes
+        rest = self.encode_rest(anatomy, mirror) if rest is None else rest
+        boundary = self.bone_contact(anatomy, plan, flip)
+        source = InterfaceSource(anatomy.muscle.mirrored(flip), boundary.displacement[nodes], boundary.known[nodes])
+        boundary = boundary.filled(
+            self.muscle_superficial, anatomy.muscle_superficial, source, plan.cue * flip, plan.reliable
+        )
+        u = self.volume(anatomy.whole.mirrored(flip), rest["whole"], boundary.displacement, boundary.known)
+        return InterfaceAndVolume(u * flip, boundary.displacement * flip, boundary.known)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 LIFTS = ("none", "elastic")
+VOLUMES = ("tissues", "whole")
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,7 @@ class NetworkSettings:
 
     decomposition: off gives the unified network, one graph network over the whole tissue fed the reference cue alone;
     match_parameters: widened until it has as many parameters as the networks of the decomposition.
+    volume: one volume network for each tissue, the mean of both where they meet, or one over the whole mesh.
     lift: what the free nodes of the sparse boundary signal carry: "none" is zero, as in the paper; "elastic"
     a linear extension of the interface (:mod:`pinnochio.mechanics.lift`) that the networks correct. With a
     lift, no volume layers mean no volume network.
@@ -41,13 +43,19 @@ class NetworkSettings:
     decoder_width: int
     decomposition: bool
     lift: str
-    match_parameters: bool = False  # as networks were that know nothing of it
+    # As networks were that know nothing of it.
+    match_parameters: bool = False
+    volume: str = "tissues"
 
     def __post_init__(self):
         if self.channels % self.heads:
             raise ValueError(f"channels {self.channels} are not a multiple of heads {self.heads}")
         if self.lift not in LIFTS:
             raise ValueError(f"lift {self.lift!r} is not one of {LIFTS}")
+        if self.volume not in VOLUMES:
+            raise ValueError(f"volume {self.volume!r} is not one of {VOLUMES}")
+        if self.volume == "whole" and (self.lift != "none" or not self.decomposition):
+            raise ValueError("volume 'whole' goes with decomposition and lift 'none'")
         if self.lift != "none" and not self.decomposition:
             raise ValueError("the unified network has no interface to lift: lift 'none' goes with no decomposition")
         if self.lift == "none" and not self.volume_layers:
