@@ -8,7 +8,6 @@ import pytest
 
 from pinnochio.columns import read_table
 from pinnochio.errors import InputError
-from pinnochio.geometry.rigid import RigidMotion
 from pinnochio.model.measures import MEASURES
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.surfaces import write_surface
@@ -19,12 +18,11 @@ from studies.inverse.columns import RECOVERED
 from studies.inverse.elastic_face import ElasticFace
 from studies.inverse.freedom import freedom
 from studies.inverse.measure_inverse import EXACT, apart, measure_inverse
-from studies.inverse.measure_sensitivity import measure_sensitivity
 from studies.inverse.proposal import InverseSettings
 from studies.inverse.propose import propose_plans
 from studies.inverse.reading import read_wish
 from studies.inverse.wish import Marks, MeasureWish, PlaceWish, SurfaceWish, stacked
-from studies.inverse.wish_columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED, SENSITIVITY
+from studies.inverse.wish_columns import COMBINATIONS, MOTIONS, PROPOSALS, REACHED
 from tests.helpers.settings import CONFIG
 
 INVERT = CONFIG["invert"]
@@ -263,21 +261,6 @@ def test_the_stage_writes_plans_that_read_back_and_a_page(patient, model, made, 
             np.testing.assert_allclose(*places, atol=1e-6)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "both jaws" in text and "labrale superius" in text and text.count("<img") == 2
-
-
-def test_the_sensitivity_is_that_of_finite_elements(patient, model, face, tmp_path):
-    out = str(tmp_path / "sensitivity.csv"), str(tmp_path / "sensitivity.png")
-    measure_sensitivity(patient.case, patient.model, patient.fem, "code", *out)
-    frame = read_table(out[0], SENSITIVITY)
-    rows = frame.set_index(["segment", "quantity", "place"])
-    chin = rows.loc[("mandible_distal", "forward", "pogonion")]
-    assert 0.7 < chin["forward"] <= 1.05 and abs(chin["left"]) < 0.2
-    plan = Plan(patient.case, {"mandible_distal": RigidMotion(translation=np.array([0.0, -1, 0]))})
-    marks, field = Marks.of(model), face.solve(plan).displacement
-    for name, motion in zip(marks.names, marks.moved(field) - marks.rest, strict=True):
-        assert abs(rows.loc[("mandible_distal", "forward", name), "moved"] - np.linalg.norm(motion)) < 0.05, name
-    assert set(frame.loc[frame["segment"] == "proximal_left", "quantity"]) == {"pitch", "roll", "yaw"}
-    assert (tmp_path / "sensitivity.png").stat().st_size > 10_000
 
 
 @pytest.mark.full

@@ -52,4 +52,4 @@ class WishInputs:
         if not wished:
             remedy = "add wish.mrk.json, .fcsv, .csv or .ply"
             raise InputError("-", self.study.config["patient"], "nobody's face is wished otherwise", remedy)
-        return [f"{folder}/{file}" for folder in wished for file in ("invert/index.html", "sensitivity.png")]
+        return [f"{folder}/invert/index.html" for folder in wished]

@@ -99,31 +99,6 @@ rule propose:
         "propose.py"
 
 
-# Of every patient, new or of the study: which move of which bone moves which place of the face.
-rule measure_sensitivity:
-    input:
-        model="<results>/{home}/{case}/model.h5",
-    output:
-        table=ensure("<results>/{home}/{case}/sensitivity.csv", non_empty=True),
-        picture="<results>/{home}/{case}/sensitivity.png",
-    log:
-        "<logs>/measure_sensitivity/{home}/{case}.log",
-    benchmark:
-        "<benchmarks>/measure_sensitivity/{home}/{case}.tsv"
-    conda:
-        "../../../envs/pinnochio.yaml"
-    resources:
-        mem_mb=4000,
-        runtime=10,
-    params:
-        fem=INPUTS.patient.setting("fem"),
-        code=code_of("studies.inverse.measure_sensitivity"),
-    message:
-        "Measure which move matters where on the face of {wildcards.case}"
-    script:
-        "measure_sensitivity.py"
-
-
 rule invert:
     input:
         WISHES.proposals,

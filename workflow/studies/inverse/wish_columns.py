@@ -49,14 +49,3 @@ COMBINATIONS = (
     Column("segment", str, "", "bone"),
     *MOVES,
 )
-SENSITIVITY = (
-    CASE,
-    Column("segment", str, "", "bone that moves alone"),
-    Column("quantity", str, "", "left, forward, up: by 1 mm; pitch, roll, yaw: by 1 degree about its pivot"),
-    Column("place", str, "", "landmark or region of the face"),
-    number("left", "mm", "motion of the place to the left", ".4f"),
-    number("forward", "mm", "motion of the place forward", ".4f"),
-    number("up", "mm", "motion of the place up", ".4f"),
-    number("moved", "mm", "its distance; of a region the mean of its points", ".4f"),
-    CODE,
-)
