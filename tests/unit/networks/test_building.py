@@ -16,13 +16,14 @@ PAPER = {"boundary_layers": 4, "volume_layers": 12, "rest_layers": 12, "channels
 def test_a_unified_network_gets_the_parameters_of_the_decomposed_ones(sizes):
     wanted, plain = parameters(network_settings(**sizes)), network_settings(decomposition=False, **sizes)
     wide = matched(plain)
-    assert abs(parameters(wide) - wanted) < 0.002 * wanted and wide.channels > plain.channels
+    assert abs(parameters(wide) - wanted) < 0.002 * wanted and wide.decoder_width > plain.decoder_width
     assert (wide.volume_layers, wide.rest_layers, wide.heads) == (plain.volume_layers, plain.rest_layers, plain.heads)
     assert parameters(wide) == sum(weight.numel() for weight in build(plain).parameters())
 
 
 def test_the_sizes_of_the_study_s_networks():
-    assert parameters(network_settings()) == 337_154
+    assert parameters(network_settings()) == 241_192
+    assert parameters(network_settings(volume="tissues")) == 337_154
     assert parameters(network_settings(decomposition=False, match_parameters=False)) == 95_962
 
 

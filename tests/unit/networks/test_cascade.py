@@ -16,8 +16,7 @@ from tests.helpers.patients import renumbered, tiny_patient, tiny_plan
 from tests.helpers.settings import network_settings
 
 SMALL = network_settings(boundary_layers=2, volume_layers=2, rest_layers=1, channels=16, heads=2, decoder_width=16)
-
-
+TISSUES = replace(SMALL, volume="tissues")
 LIFTED = replace(SMALL, lift="elastic", volume_layers=0)
 
 
@@ -39,7 +38,7 @@ def shaken(settings=SMALL, seed=0):
     return network
 
 
-@pytest.mark.parametrize("form", [{}, {"volume": "whole"}, {"decomposition": False}])
+@pytest.mark.parametrize("form", [{}, {"volume": "tissues"}, {"decomposition": False}])
 def test_untrained_network_moves_nothing_and_returns_the_cue(form):
     patient, plan = tensors(tiny_patient()), tiny_plan()
     network = build(replace(SMALL, **form))
@@ -51,7 +50,7 @@ def test_untrained_network_moves_nothing_and_returns_the_cue(form):
     assert (patient.operator.jacobians(prediction.displacement) - 1).abs().max() < 1e-6
 
 
-@pytest.mark.parametrize("form", [{}, {"volume": "whole"}, {"decomposition": False}])
+@pytest.mark.parametrize("form", [{}, {"volume": "tissues"}, {"decomposition": False}])
 def test_prediction_follows_a_renumbering_of_the_nodes(form):
     model, plan = tiny_patient(), tiny_plan()
     order = np.random.default_rng(0).permutation(len(model.points))
@@ -92,22 +91,28 @@ def test_neighbours_are_the_nearest_source_nodes():
             assert set(near) == set(np.argsort(distance)[:5])
 
 
-def test_volume_networks_see_zero_on_free_nodes_and_the_mask_on_interfaces(monkeypatch):
+@pytest.mark.parametrize("settings", [SMALL, TISSUES], ids=["whole", "tissues"])
+def test_volume_networks_see_zero_on_free_nodes_and_the_mask_on_interfaces(settings):
     patient, plan = tensors(tiny_patient()), tiny_plan()
-    network, seen = shaken(), {}
-    for name in ("muscle", "superficial"):
+    network, seen = shaken(settings), {}
+    parts = {"volume": np.arange(len(patient.points))}
+    if settings is TISSUES:
+        parts = {name: getattr(patient.anatomy, f"{name}_nodes").numpy() for name in ("muscle", "superficial")}
+    for name in parts:
         network.get_submodule(name).register_forward_pre_hook(lambda _, inputs, name=name: seen.update({name: inputs}))
     prediction = network(patient.anatomy, patient.signal(plan))
     model = patient.model
     fixed = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
     bone = np.isin(model.interface_kind, (1, 2))
-    known = {"muscle": fixed | bone, "superficial": fixed | (model.interface_kind > 0)}
+    every = fixed | (model.interface_kind > 0)
+    known = {"muscle": fixed | bone, "superficial": every, "volume": every}
+    assert seen.keys() == parts.keys()
     for name, (_, _, sparse, mask) in seen.items():
-        expected = known[name][getattr(patient.anatomy, f"{name}_nodes").numpy()]
+        expected = known[name][parts[name]]
         assert np.array_equal(mask[:, 0].numpy() > 0, expected)
         sparse = sparse.detach().abs().sum(1).numpy()
         assert (sparse[~expected] == 0).all() and (sparse[expected] > 0).any()
-    assert np.array_equal(prediction.known[:, 0].numpy() > 0, known["superficial"])
+    assert np.array_equal(prediction.known[:, 0].numpy() > 0, every)
     assert prediction.boundary.detach().numpy()[fixed].any() == 0
     assert (model.node_type == SLIDING).any()
     assert np.abs(prediction.boundary.detach().numpy()[model.node_type == SLIDING]).min() > 0
@@ -115,7 +120,7 @@ def test_volume_networks_see_zero_on_free_nodes_and_the_mask_on_interfaces(monke
 
 def test_shared_nodes_take_the_mean_of_both_tissues():
     patient, plan = tensors(tiny_patient()), tiny_plan()
-    network, outputs = shaken(), {}
+    network, outputs = shaken(TISSUES), {}
     for name in ("muscle", "superficial"):
         network.get_submodule(name).register_forward_hook(lambda *a, name=name: outputs.update({name: a[2]}))
     whole = network(patient.anatomy, patient.signal(plan)).displacement
@@ -126,18 +131,19 @@ def test_shared_nodes_take_the_mean_of_both_tissues():
     assert torch.allclose(whole, fields.nanmean(0), atol=1e-6)
 
 
-def test_patient_without_muscle_is_solved():
+@pytest.mark.parametrize(("settings", "part"), [(SMALL, "volume"), (TISSUES, "superficial")])
+def test_patient_without_muscle_is_solved(settings, part):
     model = tiny_patient()
     kind = np.array([0, 2, 2, 0], np.int8)[model.interface_kind]
     model = replace(model, tissue=np.full_like(model.tissue, SUPERFICIAL), interface_kind=kind)
-    patient, network, outputs = tensors(model), shaken(), {}
-    network.superficial.register_forward_hook(lambda *a: outputs.update(superficial=a[2]))
+    patient, network, outputs = tensors(model), shaken(settings), []
+    network.get_submodule(part).register_forward_hook(lambda *a: outputs.append(a[2]))
     displacement = network(patient.anatomy, patient.signal(tiny_plan())).displacement
     assert sorted(patient.anatomy.superficial_nodes.tolist()) == list(range(len(model.points)))
-    assert torch.equal(displacement[patient.anatomy.superficial_nodes], outputs["superficial"])
+    assert torch.equal(displacement[patient.anatomy.superficial_nodes], outputs[0])
     assert displacement.abs().min() > 0
     displacement.square().sum().backward()
-    gradients = [weight.grad for weight in network.superficial.parameters() if weight.grad is not None]
+    gradients = [weight.grad for weight in network.get_submodule(part).parameters() if weight.grad is not None]
     assert all(torch.isfinite(gradient).all() for gradient in gradients) and any(map(torch.any, gradients))
 
 

@@ -28,7 +28,7 @@ WRITTEN = {
     "pinnochio_unified_narrow": "PINNOCHIO, one narrow network",
     "pinnochio_narrow": "PINNOCHIO, narrow",
     "pinnochio_shallow": "PINNOCHIO, shallow",
-    "pinnochio_whole": "PINNOCHIO, one P_vol",
+    "pinnochio_tissues": "PINNOCHIO, a P_vol for each tissue",
     "pinnochio_no_physics": "PINNOCHIO, no physics",
     "pinnochio": "PINNOCHIO",
     "pinnochio_plus": "PINNOCHIO plus",

@@ -1,6 +1,6 @@
-"""PINNOCHIO as published: the cascade bone -> muscle -> superficial tissue.
+"""PINNOCHIO as published, of which two readings are possible: each interface kind has its own boundary network.
 
-Each body has its own volume network and each interface kind its own boundary network:
+To the letter one volume network follows over the whole mesh (OneVolume). Or each body has its own (Cascade):
 
     bone --P_bnd--> bone contact of muscle and of superficial tissue
     bone contact --P_vol--> muscle --P_bnd--> muscle-superficial interface
@@ -18,7 +18,7 @@ from pinnochio.networks.volume_network import VolumeNetwork
 
 
 class Cascade(TwoTissues):
-    """The two-step cascade."""
+    """The cascade bone -> muscle -> superficial tissue."""
 
     def __init__(self, settings: NetworkSettings):
         super().__init__(settings)

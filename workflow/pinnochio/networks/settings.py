@@ -18,7 +18,8 @@ class NetworkSettings:
 
     decomposition: off gives the unified network, one graph network over the whole tissue fed the reference cue alone;
     match_parameters: widened until it has as many parameters as the networks of the decomposition.
-    volume: one volume network for each tissue, the mean of both where they meet, or one over the whole mesh.
+    volume: without a lift, one volume network for each tissue, the mean of both where they meet, or one over the whole
+    mesh.
     lift: what the free nodes of the sparse boundary signal carry: "none" is zero, as in the paper; "elastic"
     a linear extension of the interface (:mod:`pinnochio.mechanics.lift`) that the networks correct. With a
     lift, no volume layers mean no volume network.
@@ -54,8 +55,6 @@ class NetworkSettings:
             raise ValueError(f"lift {self.lift!r} is not one of {LIFTS}")
         if self.volume not in VOLUMES:
             raise ValueError(f"volume {self.volume!r} is not one of {VOLUMES}")
-        if self.volume == "whole" and (self.lift != "none" or not self.decomposition):
-            raise ValueError("volume 'whole' goes with decomposition and lift 'none'")
         if self.lift != "none" and not self.decomposition:
             raise ValueError("the unified network has no interface to lift: lift 'none' goes with no decomposition")
         if self.lift == "none" and not self.volume_layers:
