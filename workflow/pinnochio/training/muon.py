@@ -40,7 +40,7 @@ class Muon(torch.optim.AdamW):
         self.param_groups = groups
 
     def _orthogonal(self, group: dict) -> None:
-        """Move those of the group's matrices, all of one shape, that have a gradient."""
+        """Move those of the group's matrices, all of one shape, that have a gradient; AdamW's groups have no means."""
         moved = [pair for pair in zip(group["params"], group["means"], strict=False) if pair[0].grad is not None]
         if not moved:
             return
