@@ -12,11 +12,14 @@ from tests.helpers.settings import CONFIG, network_settings
 PAPER = {"boundary_layers": 4, "volume_layers": 12, "rest_layers": 12, "channels": 128}
 
 
+@pytest.mark.parametrize("volume", ["whole", "tissues"])
 @pytest.mark.parametrize("sizes", [{}, PAPER, {"channels": 32, "heads": 2}], ids=["study", "paper", "small"])
-def test_a_unified_network_gets_the_parameters_of_the_decomposed_ones(sizes):
+def test_a_unified_network_gets_the_parameters_of_the_decomposed_ones(sizes, volume):
+    sizes = sizes | {"volume": volume}
     wanted, plain = parameters(network_settings(**sizes)), network_settings(decomposition=False, **sizes)
     wide = matched(plain)
-    assert abs(parameters(wide) - wanted) < 0.002 * wanted and wide.decoder_width > plain.decoder_width
+    assert abs(parameters(wide) - wanted) < 0.002 * wanted
+    assert wide.channels > plain.channels if volume == "tissues" else wide.decoder_width > plain.decoder_width
     assert (wide.volume_layers, wide.rest_layers, wide.heads) == (plain.volume_layers, plain.rest_layers, plain.heads)
     assert parameters(wide) == sum(weight.numel() for weight in build(plain).parameters())
 

@@ -95,7 +95,7 @@ def test_neighbours_are_the_nearest_source_nodes():
 def test_volume_networks_see_zero_on_free_nodes_and_the_mask_on_interfaces(settings):
     patient, plan = tensors(tiny_patient()), tiny_plan()
     network, seen = shaken(settings), {}
-    parts = {"volume": np.arange(len(patient.points))}
+    parts = {"whole.volume": np.arange(len(patient.points))}
     if settings is TISSUES:
         parts = {name: getattr(patient.anatomy, f"{name}_nodes").numpy() for name in ("muscle", "superficial")}
     for name in parts:
@@ -105,7 +105,7 @@ def test_volume_networks_see_zero_on_free_nodes_and_the_mask_on_interfaces(setti
     fixed = (model.node_type == FIXED) & (model.interface_kind == NO_INTERFACE)
     bone = np.isin(model.interface_kind, (1, 2))
     every = fixed | (model.interface_kind > 0)
-    known = {"muscle": fixed | bone, "superficial": every, "volume": every}
+    known = {"muscle": fixed | bone, "superficial": every, "whole.volume": every}
     assert seen.keys() == parts.keys()
     for name, (_, _, sparse, mask) in seen.items():
         expected = known[name][parts[name]]
@@ -131,7 +131,7 @@ def test_shared_nodes_take_the_mean_of_both_tissues():
     assert torch.allclose(whole, fields.nanmean(0), atol=1e-6)
 
 
-@pytest.mark.parametrize(("settings", "part"), [(SMALL, "volume"), (TISSUES, "superficial")])
+@pytest.mark.parametrize(("settings", "part"), [(SMALL, "whole.volume"), (TISSUES, "superficial")])
 def test_patient_without_muscle_is_solved(settings, part):
     model = tiny_patient()
     kind = np.array([0, 2, 2, 0], np.int8)[model.interface_kind]

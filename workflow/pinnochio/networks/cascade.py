@@ -7,6 +7,8 @@ To the letter one volume network follows over the whole mesh (OneVolume). Or eac
     bone contact, muscle-superficial interface --P_vol--> superficial tissue
 """
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -14,6 +16,7 @@ from pinnochio.networks.boundary import BoundaryNetwork
 from pinnochio.networks.settings import NetworkSettings
 from pinnochio.networks.signals import InterfaceAndVolume, PlanSignal, TissueGraphs
 from pinnochio.networks.tissues import Added, InterfaceSource, TwoTissues
+from pinnochio.networks.unified import Unified
 from pinnochio.networks.volume_network import VolumeNetwork
 
 
@@ -52,30 +55,27 @@ class Cascade(TwoTissues):
 class OneVolume(TwoTissues):
     """The cascade's interfaces, and one volume network over the whole mesh: the paper's P_vol to the letter [I].
 
-    Without a motion of the muscle the interface of both tissues is read off what is known on the muscle's surface.
+    That is the unified network with the interfaces for its cue. Without a motion of the muscle the interface of both
+    tissues is read off what is known on the muscle's surface.
     """
-
-    muscle = superficial = None
 
     def __init__(self, settings: NetworkSettings):
         super().__init__(settings)
         self.muscle_superficial = BoundaryNetwork(settings)
-        self.volume = VolumeNetwork(settings)
+        self.whole = Unified(settings)
 
     def encode_rest(self, anatomy: TissueGraphs, mirror: bool = False) -> dict[str, Tensor]:
-        """What the volume network knows of the patient's rest geometry; serves every plan."""
-        return {"whole": self.volume.encode_rest(anatomy.whole.mirrored(self.flips[int(mirror)]))}
+        return self.whole.encode_rest(anatomy, mirror)
 
     def forward(
         self, anatomy: TissueGraphs, plan: PlanSignal, mirror: bool = False, rest: dict[str, Tensor] | None = None
     ) -> InterfaceAndVolume:
         """As :meth:`Cascade.forward`."""
         flip, nodes = self.flips[int(mirror)], anatomy.muscle_nodes
-        rest = self.encode_rest(anatomy, mirror) if rest is None else rest
         boundary = self.bone_contact(anatomy, plan, flip)
         source = InterfaceSource(anatomy.muscle.mirrored(flip), boundary.displacement[nodes], boundary.known[nodes])
         boundary = boundary.filled(
             self.muscle_superficial, anatomy.muscle_superficial, source, plan.cue * flip, plan.reliable
         )
-        u = self.volume(anatomy.whole.mirrored(flip), rest["whole"], boundary.displacement, boundary.known)
-        return InterfaceAndVolume(u * flip, boundary.displacement * flip, boundary.known)
+        known = replace(plan, cue=boundary.displacement * flip, reliable=boundary.known)
+        return self.whole(anatomy, known, mirror, rest)
