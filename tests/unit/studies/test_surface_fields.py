@@ -75,6 +75,8 @@ def test_a_ramp_has_its_slope(plane):
     ramp = np.tan(np.radians(5)) * points[:, 2]
     inner = faces[(np.abs(points[faces]).max(axis=(1, 2)) < 70)]
     assert slope(points, inner, areas, ramp) == pytest.approx(5, abs=0.01)
+    between_lips = inner[0][[0, 1, 1]]
+    assert slope(points, [*inner, between_lips], areas, ramp) == pytest.approx(5, abs=0.01)
 
 
 def test_even_and_odd_parts_are_separated(plane):

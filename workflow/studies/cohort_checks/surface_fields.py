@@ -18,6 +18,7 @@ WIDTHS = (2.5, 6.0, 12.0, 24.0)  # mm, SD of the Gaussians; a band lies between 
 CUT = 3.0  # of a Gaussian's SD, beyond which it counts nothing
 SAMPLES, LAG = 2500, 2.0  # points of the semivariogram, mm of its classes
 FITS = 30  # steps of the rigid fit of a mirrored face
+FLAT = 1e-6  # mm2, of a triangle between points of both lips that lie at one place
 
 
 def mean_square(values, areas) -> float:
@@ -78,10 +79,11 @@ def _first_crossing(at, values, level: float) -> float:
 
 def slope(points, faces, areas, values) -> float:
     """Root mean square gradient, in degrees, of a field (n,) mm smoothed by the least of :data:`WIDTHS`; faces (f, 3)
-    index the points."""
+    index the points; triangles without area count nothing."""
     points = np.asarray(points)
     fine = smoothed(points, areas, values, WIDTHS[0])
     normal, area = face_normals(points, faces)
+    faces, normal, area = (of[area > FLAT] for of in (np.asarray(faces), normal, area))
     corners = points[faces]
     against = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # the edge against each corner
     gradient = np.einsum("fc,fcx->fx", fine[faces], np.cross(normal[:, None], against)) / (2 * area[:, None])
