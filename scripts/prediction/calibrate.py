@@ -37,7 +37,7 @@ class ScannedCase:
 
 
 def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int, calibration: str, table: str) -> None:
-    """Write the calibration as JSON and one row per region and measure as CSV.
+    """Write the calibration as JSON and one row per region and measure as CSV; measures of fields alone.
 
     predictions: of the fold, which never saw the case; ensemble: of the networks of all folds, for how far they usually
     differ, which nothing is said of without them.
@@ -50,7 +50,8 @@ def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int
         judged, moved = Judged.read(files.judged), predicted.moved_skin(patient)
         errors.append(held_out(files.case, files.fold, patient, judged, moved, *scan.surface))
         truth = TrueMotion.read(files.truth, patient, files.case) if files.truth else None
-        measured.append(measures_held_out(files.case, files.fold, patient, predicted.displacement, scan, truth))
+        if predicted.displacement is not None:  # a method of the skin alone carries no landmark
+            measured.append(measures_held_out(files.case, files.fold, patient, predicted.displacement, scan, truth))
         if files.ensemble:
             spreads.append((skin_spread(patient, read_ensemble(files.ensemble)), regions(patient)))
         logging.info("%s: %.3f mm on %d points", files.case, errors[-1].error.mean(), len(errors[-1].error))

@@ -105,6 +105,20 @@ def test_a_method_without_networks_has_the_half_widths_of_its_errors_and_no_spre
     assert unknown == {*UNSEEN}  # of patients of a clinic, whose truth nobody knows
 
 
+def test_a_method_of_the_skin_alone_has_half_widths_and_no_measures(patients, calibration, tmp_path):
+    cases = []
+    for fold, patient in zip(FOLDS, patients, strict=False):
+        own = str(tmp_path / f"{fold}.h5")
+        points = len(PatientModel.read(patient.model).skin_points)
+        write_predictions(own, {patient.case: Prediction(None, skin=np.ones((points, 3)))})
+        cases.append(ScannedCase(patient.case, fold, patient.model, patient.postop, patient.judged, own, None))
+    files = str(tmp_path / "calibration.json"), str(tmp_path / "part.csv")
+    calibrate(cases, "pca_linear", LEVEL, SEED, *files)
+    stored = Calibration.read(files[0])
+    assert all(stored.half_width[name] > 0 for name in COUNTED) and set(stored.measures.values()) == {None}
+    assert set(pd.read_csv(files[1])["region"]) == set(pd.read_csv(calibration[1])["region"]) - {*MEASURES, "measures"}
+
+
 @pytest.mark.parametrize("region", COUNTED)
 def test_the_half_width_covers_half_of_both_patients(patients, ensembles, calibration, region):
     """At a level of a half, two patients' half-width is the 75th percentile of both, by hand."""
