@@ -108,10 +108,10 @@ def test_a_method_without_networks_has_the_half_widths_of_its_errors_and_no_spre
 def test_a_method_of_the_skin_alone_has_half_widths_and_no_measures(patients, calibration, tmp_path):
     cases = []
     for fold, patient in zip(FOLDS, patients, strict=False):
-        own = str(tmp_path / f"{fold}.h5")
+        alone = str(tmp_path / f"{fold}.h5")
         points = len(PatientModel.read(patient.model).skin_points)
-        write_predictions(own, {patient.case: Prediction(None, skin=np.ones((points, 3)))})
-        cases.append(ScannedCase(patient.case, fold, patient.model, patient.postop, patient.judged, own, None))
+        write_predictions(alone, {patient.case: Prediction(None, skin=np.ones((points, 3)))})
+        cases.append(ScannedCase(patient.case, fold, patient.model, patient.postop, patient.judged, alone, None))
     files = str(tmp_path / "calibration.json"), str(tmp_path / "part.csv")
     calibrate(cases, "pca_linear", LEVEL, SEED, *files)
     stored = Calibration.read(files[0])
