@@ -49,8 +49,8 @@ def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int
         predicted = read_prediction(files.predictions, files.case)
         judged, moved = Judged.read(files.judged), predicted.moved_skin(patient)
         errors.append(held_out(files.case, files.fold, patient, judged, moved, *scan.surface))
-        truth = TrueMotion.read(files.truth, patient, files.case) if files.truth else None
         if predicted.displacement is not None:  # a method of the skin alone carries no landmark
+            truth = TrueMotion.read(files.truth, patient, files.case) if files.truth else None
             measured.append(measures_held_out(files.case, files.fold, patient, predicted.displacement, scan, truth))
         if files.ensemble:
             spreads.append((skin_spread(patient, read_ensemble(files.ensemble)), regions(patient)))
