@@ -171,7 +171,7 @@ USUAL = {"min_jacobian": [0.3, 0.5, 0.9], "eqres_rel": [0.015, 0.05, 0.14], "sli
         ({"sliding_error": 1.9}, "Boundary mismatch, sliding", CARE),
         ({"sliding_error": 2.1}, "Boundary mismatch, sliding", NOT_USABLE),
         ({"moving_error": 2.5}, "Boundary mismatch, moving", NOT_USABLE),
-        ({"off_bone_mm": 3.1}, "Sliding tissue off its bone", NOT_USABLE),
+        ({"off_bone_mm": 3.1}, "Tissue off its bone", NOT_USABLE),
         ({"motion_mm": 10.1}, "Motion of the bones", CARE),
         ({"turn_degrees": 15.1}, "Motion of the bones", CARE),
         ({"edge_percent": 16.0}, "Edge of the scan", CARE),

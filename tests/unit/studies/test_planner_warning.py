@@ -15,7 +15,7 @@ from studies.planner.page_words import APART, CROSS, import_in_words, warning
         ({}, ""),
         ({"damping": 5e-10}, "Not usable: the field turned tissue inside out and was scaled to 5e-08 %"),
         ({"repaired": 12}, "12 elements were turned inside out and solved again"),
-        ({"off_bone": 5.04}, "Not usable: tissue that slides is 5.0 mm off its bone"),
+        ({"off_bone": 5.04}, "Not usable: tissue is 5.0 mm off its bone"),
         ({"crossed": 1.25}, CROSS.format(1.25)),
         ({"apart": 2.5}, APART.format(2.5)),
         ({"beyond": 3.2}, "Not usable: 3.2 widths of the training's range beyond it"),

@@ -51,7 +51,7 @@ ADVICE = {
     "Solver": SOLVED,
     **dict.fromkeys(("Corrections", "Inversion repair", "Elements turned inside out", "Smallest volume ratio (min J)",
                      "Residual", "Boundary mismatch, moving", "Boundary mismatch, sliding"), SOLVE),
-    "Sliding tissue off its bone": "Plan a smaller movement; nobody knows what holds the tissue there",
+    "Tissue off its bone": "Plan a smaller movement; nobody knows what holds the tissue there",
     "Motion of the bones": "Hold the face against one after a smaller movement",
     "Farthest from linear elasticity": "Look at that place before believing it",
     "Edge of the scan": "Take a scan that shows more about the face",
@@ -96,7 +96,7 @@ def measures(
         **equilibrium_of(patient, displacement, fem, forces),
         **boundary_metrics(patient, plan, displacement),
         **largest_motions(patient, plan),
-        "off_bone_mm": off_bone(patient, plan, displacement).max(initial=0.0),
+        "off_bone_mm": astray(patient, plan, displacement),
         **beside_edge(patient, moved),
         **off_mesh(patient),
         "lips_cross_mm": lips.crossed,
@@ -111,6 +111,14 @@ def largest_motions(patient: PatientModel, plan: Plan) -> dict[str, float]:
     moved, angles = patient.bone_displacement(plan), [plan.motion(name).angle for name in patient.segments]
     ways = [np.linalg.norm(moved[patient.bone_segment == index].mean(axis=0)) for index in range(len(angles))]
     return {"motion_mm": max(ways, default=0.0), "turn_degrees": max(angles, default=0.0)}
+
+
+def astray(patient: PatientModel, plan: Plan, displacement) -> float:
+    """How far tissue is from its bone at most, mm: what slides (:func:`off_bone`), and what is attached, which the
+    repair of a network's field may have moved."""
+    cue, held = patient.reference_cue(plan)
+    attached = np.linalg.norm(displacement - cue, axis=1)[held]
+    return max(float(part.max(initial=0.0)) for part in (off_bone(patient, plan, displacement), attached))
 
 
 def interval_measures(interval: Interval, calibration: Calibration, widening: float = 1.0) -> dict:
@@ -307,10 +315,10 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Finding]:
         measured.mismatch("moving", "Mean distance of the tissue attached to bone from where the plan takes it."),
         measured.mismatch("sliding", "Mean gap or penetration of the tissue that slides along bone."),
         Finding(
-            "Sliding tissue off its bone",
+            "Tissue off its bone",
             f"{measured.number('off_bone_mm', '.1f')} mm at most",
-            f"How far sliding tissue has come from, or gone into, the bone itself. Above {OFF_BONE:g} mm it has gone "
-            "over the bone's rim, as in long motions; no method knows what holds it there.",
+            "How far sliding tissue has come from, or gone into, its bone, and attached tissue from where it belongs. "
+            f"Above {OFF_BONE:g} mm it has gone over the bone's rim, or been torn from it: nobody knows what holds it.",
             known["off_bone_mm"] <= OFF_BONE,
             not known["off_bone_mm"] <= OFF_BONE,
         ),

@@ -16,10 +16,9 @@ from pinnochio.mechanics.solvers.linear_algebra import Workers
 from pinnochio.methods.pinnochio.patient import tensors
 from pinnochio.methods.pinnochio.predictor import Finishing, PatientGraphNetwork, load_network, load_sources
 from pinnochio.methods.sources import PatientSources
-from pinnochio.metrics.validity import off_bone
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
-from pinnochio.patients.certificate import PARTS, in_distribution, of_import
+from pinnochio.patients.certificate import PARTS, astray, in_distribution, of_import
 from pinnochio.patients.in_distribution import Ranges, beyond, widening
 from pinnochio.patients.model_archive import RANGES, Archive, calibration_file, network_file
 from pinnochio.plans.plan import Plan, RigidMotion
@@ -34,7 +33,7 @@ class Forecast:
     interval: displacement of the nodes and half-widths of the skin; skin (s, 3) mm: points of the moved skin; mean,
     most: movement of the judged face, mm; least: smallest volume ratio of an element, None of a first look; repaired,
     damping: most elements that the inversion repair solved again, and its smallest factor on a whole field, 1 for none;
-    off_bone: how far tissue that slides has come from its bone or gone into it, at most, mm, 0 of a first look;
+    off_bone: how far tissue has come from its bone or gone into it, at most, mm, 0 of a first look;
     crossed, apart: how far lips would cross, and stay apart that were closed before surgery, mm; beyond: how far
     patient or plan lies beyond the training, in widths of its range; out_of_distribution: what of patient and plan is
     (segments, muscle, anatomy, plan); seconds: since the beginning.
@@ -119,7 +118,7 @@ class Forecaster:
         lips = held_lips(self.patient, result.displacement)
         skin = self.patient.moved_skin(lips.displacement)
         moved = np.linalg.norm(skin - self.patient.skin_points, axis=1)[self._judged]
-        away = 0.0 if least is None else float(off_bone(self.patient, plan, result.displacement).max(initial=0.0))
+        away = 0.0 if least is None else astray(self.patient, plan, result.displacement)
         return Forecast(
             plan=plan,
             interval=result,

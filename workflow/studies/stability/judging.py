@@ -12,15 +12,17 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from pinnochio.geometry.closest_points import closest_points
 from pinnochio.mechanics.boundary.sliding import SlidingSurfaces
 from pinnochio.mechanics.elements.materials import Material
 from pinnochio.mechanics.elements.tetrahedra import Elements
-from pinnochio.mechanics.settings import SolverSettings
+from pinnochio.mechanics.settings import FemSettings, SolverSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
 from pinnochio.mechanics.solvers.newton import SolveResult
-from pinnochio.mechanics.solvers.newton_corrections import Correction
+from pinnochio.mechanics.solvers.newton_corrections import EQUILIBRIUM, Correction
 from pinnochio.metrics.validity import OFF_BONE, off_bone
+from pinnochio.model.predictions import Prediction
+from pinnochio.patients.certificate import NOT_USABLE, measures, plain, verdict
+from pinnochio.patients.result import Solution
 from studies.stability.problems import Problem
 from studies.stability.table import CLEAN, CONVERGED, WRONG
 
@@ -28,9 +30,6 @@ from studies.stability.table import CLEAN, CONVERGED, WRONG
 # two equilibria differ by tenths of a millimetre. Elastic: forces on free unknowns over those on the others; of a map
 # in single precision the rounding of its fields alone leaves MAP, and puts nodes that far from where they belong.
 PRESCRIBED, SLIDING, AGREEMENT, ELASTIC, MAP, ROUNDED = 1e-9, 1e-5, 1e-3, 1e-8, 1e-2, 1e-5
-# Of lips in contact, mm: how much deeper than at rest a node lies in the triangles of the other lip; half of what the
-# contact's own surface rounds them by in heads of 1,500 nodes [I].
-PENETRATION = 0.5
 HONEST = 0.01  # relative: of a figure that a method reports of itself against the judge's
 TINY = np.finfo(float).tiny
 
@@ -178,8 +177,7 @@ def judge_solution(
     balance = Balance.of(problem, element)
     least = float(balance.ratios(displacement).min())
     force = balance.force(displacement)
-    contact = touching(problem)
-    residual, complaints = conditions(problem, balance, displacement, force, skipped=contact)
+    residual, complaints = conditions(problem, balance, displacement, force)
     if not result.converged:
         # A tenth more: the limit is looked at between two steps.
         if seconds > 1.1 * options.time_limit + 1:
@@ -189,15 +187,13 @@ def judge_solution(
         return Verdict(CLEAN, f"{result.reason}, at {100 * result.fraction:.0f} % of the load", least, residual)
     if not least > 0:
         complaints.append(f"least J is {least:.2g}")
-    complaints += balance.no_patches() + unbalanced(problem, force, contact)
+    complaints += balance.no_patches()
     other = differs(problem, displacement, known)
     complaints += other if unique else []
     note, marks = f"confirmed; another equilibrium, {other[0]}" if other else "", []
     away = hanging(problem, displacement)
     if away > OFF_BONE:
         marks.append(f"sliding tissue has left its bone by {away:.1f} mm")
-    if (deeper := entered(problem, displacement)) > PENETRATION:
-        marks.append(f"lips enter each other by {deeper:.2f} mm")  # `predict` knows no method whose lips touch
     # Three times the tolerance: of the points that make a sliding surface the solvers leave out others than each other
     # (weights below 1e-5 and 1e-10), which turns its normals by 2e-6, and forces with them [X].
     return judged(residual, 3 * options.tolerance, least, complaints, note, marks)
@@ -275,13 +271,46 @@ def judge_correction(
     return Verdict(CLEAN, f"residual {residual:.1e} after {len(made) - 1} corrections{scaled}", least, residual)
 
 
+def judge_network(problem: Problem, element: str, made: Prediction, fem: FemSettings) -> Verdict:
+    """Verdict on a network's prediction of a patient: no element is inside out, and no tissue that is attached to bone
+    or slides along it is more than OFF_BONE away. A scaled field, which the certificate never calls usable, and a
+    residual above EQUILIBRIUM under the load that the prediction declares, which it states, fail cleanly."""
+    field = made.displacement
+    if not np.isfinite(field).all():
+        return Verdict(WRONG, "the displacement is not finite")
+    balance = Balance.of(problem, element)
+    force, least = balance.force(field), float(balance.ratios(field).min())
+    force = force if made.forces is None else force - made.forces
+    held = np.ones(len(field), bool)
+    held[problem.free] = False
+    floor = 1e-4 * balance.modulus * balance.edge**2 * np.sqrt(3 * held.sum())
+    residual = float(np.linalg.norm(force[~held]) / max(np.linalg.norm(force[held]), floor))
+    after = f"after {made.iterations} corrections"
+    if made.damping < 1:
+        return Verdict(CLEAN, f"field scaled to {100 * made.damping:.2g} %", least, residual)
+    complaints = [] if least > 0 else [f"least J is {least:.2g}"]
+    prescribed = np.asarray(problem.boundary.prescribed_nodes, int)
+    away = np.linalg.norm(field[prescribed] - problem.boundary.displacement(1.0), axis=1).max(initial=0.0)
+    complaints += [f"attached tissue is {away:.1f} mm from its bone"] if away > OFF_BONE else []
+    off = hanging(problem, field)
+    complaints += [f"sliding tissue has left its bone by {off:.1f} mm"] if off > OFF_BONE else []
+    if complaints:
+        solution = Solution(repaired=int(np.nan_to_num(made.repaired)))
+        measured = plain(measures(problem.patient, problem.plan, field, fem, made.forces))
+        grade = verdict({"solution": vars(solution), "measures": measured, "models": None}).grade
+        return Verdict(WRONG, "; ".join(complaints), least, residual, marked=grade == NOT_USABLE)
+    if not residual <= EQUILIBRIUM:
+        return Verdict(CLEAN, f"residual {residual:.1e} {after}", least, residual)
+    return Verdict(CONVERGED, f"confirmed {after}", least, residual)
+
+
 def conditions(
-    problem: Problem, balance: Balance, displacement, force, linear: bool = False, rounded: bool = False, skipped=()
+    problem: Problem, balance: Balance, displacement, force, linear: bool = False, rounded: bool = False
 ) -> tuple[float, list[str]]:
     """Forces (n, 3) on the free unknowns over those on the others, and which boundary conditions are not met.
 
     linear: of the linearised problem, whose sliding nodes keep to the normals at rest; rounded: of a field in single
-    precision; skipped: nodes that something else presses.
+    precision.
     """
     prescribed = np.asarray(problem.boundary.prescribed_nodes, int)
     extent = np.ptp(problem.points, axis=0).max()
@@ -303,49 +332,10 @@ def conditions(
     reaction = np.zeros_like(force)
     reaction[prescribed] = force[prescribed]
     reaction[sliding.nodes] = np.einsum("si,si->s", force[sliding.nodes], normals)[:, None] * normals
-    reaction[list(skipped)] = force[list(skipped)]
     # The reaction at a strain of 1e-4: the measure where the load asks for no force.
     count = 3 * len(prescribed) + len(sliding.nodes)
     least = 1e-4 * balance.modulus * balance.edge**2 * np.sqrt(count)
     return float(np.linalg.norm(force - reaction) / max(np.linalg.norm(reaction), least)), complaints
-
-
-def touching(problem: Problem) -> np.ndarray:
-    """Nodes of surfaces that press on each other."""
-    parts = [part for item in problem.boundary.contact for part in (np.ravel(item.nodes), np.ravel(item.faces))]
-    return np.unique(np.concatenate([np.zeros(0, int), *parts]).astype(int))
-
-
-def unbalanced(problem: Problem, force, contact) -> list[str]:
-    """A complaint where the forces (n, 3) of surfaces in contact, nodes (k,), do not balance."""
-    fixed = np.asarray(problem.boundary.prescribed_nodes, int)
-    size, total = np.linalg.norm(force[contact], axis=1).sum(), np.linalg.norm(force[contact].sum(axis=0))
-    unit = np.linalg.norm(force[fixed], axis=1).sum()
-    # A bone holds constrained nodes too.
-    if np.isin(contact, problem.free).all() and total > 1e-3 * size + 1e-5 * unit:
-        return [f"the forces of contact are off balance by {total / max(size, TINY):.1e}"]
-    return []
-
-
-def entered(problem: Problem, displacement) -> float:
-    """How much deeper than at rest a node lies within the surface that it is in contact with, mm; 0 without contact."""
-    deepest = 0.0
-    for item in problem.boundary.contact:
-        rest, there = (
-            depths(points[item.nodes], points, item.faces) for points in (problem.points, problem.points + displacement)
-        )
-        deepest = max(deepest, float((there - np.maximum(rest, 0)).max(initial=0.0)))
-    return deepest
-
-
-def depths(places, points, faces) -> np.ndarray:
-    """Depth (k,) behind the nearest of some outward triangles, negative in front, and of places beside them."""
-    nearest = closest_points(places, points, faces)
-    corners = points[faces[nearest.face]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    depth = -np.einsum("ki,ki->k", places - nearest.points, normal)
-    return np.where(nearest.border, -nearest.distance, depth)
 
 
 def hanging(problem: Problem, displacement) -> float:

@@ -22,12 +22,15 @@ def stability(
     seed: int,
     code: str,
     table: str,
+    **predicting: object,
 ) -> None:
     """Write one row per cell, wrong ones too; config: section `stability` of the configuration.
 
-    model: None for the block; way: direction or axis of the motion, "-" without one.
+    model: None for the block; way: direction or axis of the motion, "-" without one; predicting: controls, network and
+    corrections, as :class:`Sweep` takes them.
     """
-    sweep = Sweep(family, case, way, PatientModel.read(model) if model else None, config, fem, seed)
+    patient = PatientModel.read(model) if model else None
+    sweep = Sweep(family, case, way, patient, config, fem, seed, **predicting)
     labels = {"seed": seed, "device": "cpu", "code": code}
     write_rows([row | labels for row in tqdm(sweep.rows())], table, STABILITY)
 
@@ -35,8 +38,11 @@ def stability(
 if __name__ == "__main__":
     attach_log(snakemake.log[0])
     stability(
-        **{name: snakemake.params[name] for name in ("family", "case", "way", "seed", "code")},
-        model=next(iter(snakemake.input.model), None),
+        **{
+            name: snakemake.params[name]
+            for name in ("family", "case", "way", "seed", "code", "controls", "corrections")
+        },
+        **{name: next(iter(snakemake.input[name]), None) for name in ("model", "network")},
         config=snakemake.params.stability,
         fem=FemSettings(**snakemake.params.fem),
         table=snakemake.output.table,

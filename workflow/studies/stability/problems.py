@@ -27,6 +27,7 @@ DIRECTIONS = {
     "up": (0.0, 0.0, 1.0),
     "down": (0.0, 0.0, -1.0),
 }
+JAWS = "both jaws"
 AXES = {"pitch": (1.0, 0.0, 0.0), "roll": (0.0, 1.0, 0.0), "yaw": (0.0, 0.0, 1.0)}
 
 
@@ -66,10 +67,14 @@ def movement(model: PatientModel, plan: Plan, fem: FemSettings, precision: str, 
 
 def moved(model: PatientModel, segment: str, way: str, amount: float) -> Plan:
     """One segment of a patient moved by `amount`: mm in one of DIRECTIONS, or degrees about one of AXES; others stay.
+    JAWS are all segments but the rami, which are shifted together.
 
     A turn is about the middle of the segment's surface, not the condyles: as the rami stay where they are in this
     sweep, 30 degrees there would take the chin 40 mm away from them.
     """
+    if segment == JAWS:
+        jaws = [name for name in model.segments if not name.startswith("proximal")]
+        return Plan("-", {name: moved(model, name, way, amount).motions[name] for name in jaws})
     if segment not in model.segments:
         raise InputError("-", "configuration", f"there is no segment {segment!r}", f"choose one of {model.segments}")
     if way in DIRECTIONS:

@@ -1,6 +1,10 @@
 # What every method does at the extremes, family by family; wrong cells stand in the table, and fail the target.
 
+from functools import cache
+
+from pinnochio.study.choice import choose
 from studies.stability.inputs import parts
+from studies.stability.table import OF_PATIENTS
 
 EXTREMES = parts(config["stability"], list(STUDY.cohort.cases))
 add_table(
@@ -14,12 +18,23 @@ add_table(
 )
 
 
+@cache
+def predicting():
+    return choose(config, STUDY.models)
+
+
 rule measure_stability:
     input:
         # Of the block there is none.
         model=lambda wildcards: expand(
             STUDY.sized(config["stability"]["nodes"], "model.h5"),
             case={EXTREMES[wildcards.part]["case"]} - {"block"},
+        ),
+        # The first of the archive's.
+        network=lambda wildcards: (
+            predicting().networks[:1]
+            if EXTREMES[wildcards.part]["family"] in OF_PATIENTS
+            else []
         ),
     output:
         table=ensure("<results>/stability/{part}.csv", non_empty=True),
@@ -41,6 +56,8 @@ rule measure_stability:
         stability=config["stability"],
         fem=config["fem"],
         seed=SEED,
+        controls=config["lift"]["controls"],
+        corrections=lambda wildcards: predicting().corrections,
         code=code_of("studies.stability.measure_stability"),
     message:
         "Take every method to its extremes: {wildcards.part}"

@@ -17,21 +17,28 @@ from pinnochio.mechanics.solvers.kept_factors import KeptFactors
 from pinnochio.mechanics.solvers.linear_elasticity import ElasticSolver
 from pinnochio.mechanics.solvers.newton import solve
 from pinnochio.mechanics.solvers.newton_corrections import Corrector
+from pinnochio.methods.pinnochio.predictor import GraphPredictor
+from pinnochio.methods.protocol import Planned
 from pinnochio.model.patient import PatientModel
 from pinnochio.plans.plan import Plan
 from pinnochio.seeds import generator
 from studies.stability import problems
-from studies.stability.judging import Verdict, judge_correction, judge_elastic, judge_repair, judge_solution
+from studies.stability.judging import (
+    Verdict,
+    judge_correction,
+    judge_elastic,
+    judge_network,
+    judge_repair,
+    judge_solution,
+)
 from studies.stability.problems import PRECISIONS, Problem
 from studies.stability.table import CLEAN, CONVERGED, FAMILIES, OF_PATIENTS, WRONG
 
 LOG = logging.getLogger(__name__)
 WHOLE = VOLUMETRIC[0]
-# Elements and precisions: of the block, of patients, and where a method has one form only.
-EVERY = tuple((element, precision) for element in VOLUMETRIC for precision in PRECISIONS)
-OF_MOVEMENTS = ((WHOLE, "float64"), (WHOLE, "float32"), ("p1", "float64"))
+EVERY = tuple((element, precision) for element in VOLUMETRIC for precision in PRECISIONS)  # of the block
 REFUSALS = (InputError, RuntimeError)
-CORRECTIONS, CONTROLS = 5, 32  # Newton corrections of a field; control points of a map
+CORRECTIONS = 5  # Newton, of a field
 
 
 @dataclass
@@ -40,7 +47,8 @@ class Sweep:
 
     model: the patient, None for the block; way: of the motion, where the family moves segments in one (DIRECTIONS or
     AXES of the problems); config: the configuration's section `stability`; fem: solver settings and the patient's
-    tissues.
+    tissues; controls: points of the map; network: file of a trained one that predicts new patients, if any, with so
+    many corrections.
     """
 
     family: str
@@ -50,6 +58,9 @@ class Sweep:
     config: Mapping
     fem: FemSettings
     seed: int
+    controls: int = 32
+    network: str | None = None
+    corrections: int = 0
     _kept: dict = field(default_factory=dict)
 
     def rows(self) -> Iterator[dict]:
@@ -61,8 +72,9 @@ class Sweep:
                     yield row
 
     def segments(self) -> tuple[str, ...]:
-        """What is moved: each segment of a patient in turn, where one is."""
-        return self.model.segments if self.family in ("translation", "rotation", "rough") else ("-",)
+        """What is moved: each segment of a patient in turn, where one is, and both jaws where they are shifted."""
+        alone = self.model.segments if self.family in ("translation", "rotation", "rough") else ("-",)
+        return (*alone, *[problems.JAWS] * (self.family == "translation"))
 
     def setting(self, value: float, segment: str) -> Iterator[dict]:
         """The rows of one setting."""
@@ -127,22 +139,17 @@ class Sweep:
             plan = problems.advance(model, 5.0)
         else:
             plan = problems.moved(model, segment, self.way, value)
-        forms = {"rough": ((WHOLE, "float64"), ("p1", "float64")), "field": ((WHOLE, "float64"),)}
-        known: dict[str, dict[str, np.ndarray]] = {}
-        for element, precision in forms.get(self.family, OF_MOVEMENTS):
-            problem = problems.movement(model, plan, self.fem, precision)
-            local = known.setdefault(element, {})
-            yield from self.solved(problem, value, element, precision, local, segment)
+        known: dict[str, np.ndarray] = {}
         problem = problems.movement(model, plan, self.fem, "float64")
-        yield from self.mapped(problem, model, plan, known[WHOLE])
+        yield from self.solved(problem, value, WHOLE, "float64", known, segment)
+        yield from self.mapped(problem, model, plan, known)
         if self.family == "field":
             return
-        for method, arm in (("bonded", "bonded"), ("lips", "mucosa+lip")):
-            if self.family == "rough" and arm == "bonded":
-                continue  # which bone it is does not matter there
-            held = problems.movement(model, plan, self.fem, "float64", arm)
-            if held.boundary.contact or arm == "bonded":
-                yield self.solution(held, method, WHOLE, "float64", None, unique=False)
+        if self.network:
+            yield self.predicted(problem, model, plan)
+        if self.family != "rough":  # which bone it is does not matter there
+            held = problems.movement(model, plan, self.fem, "float64", "bonded")
+            yield self.solution(held, "bonded", WHOLE, "float64", None, unique=False)
 
     def mapped(self, problem: Problem, model: PatientModel, plan: Plan, known: Mapping):
         """The elastic map of a patient."""
@@ -157,11 +164,25 @@ class Sweep:
         )
         yield "map", WHOLE, "float32", verdict, seconds
 
+    def predicted(self, problem: Problem, model: PatientModel, plan: Plan):
+        """The trained network of `predict`, with its learned loads, repair and corrections."""
+        if "planned" not in self._kept:
+            settings = {"fem": vars(self.fem), "newton_corrections": self.corrections}
+            self._kept["planned"] = (
+                GraphPredictor(settings, self.network, "cpu", 1),
+                Planned(self.case, model, plan, self.lift(model), warm=False),
+            )
+        network, patient = self._kept["planned"]
+        _, verdict, seconds = attempt(
+            lambda: network(replace(patient, plan=plan)), lambda made, _: judge_network(problem, WHOLE, made, self.fem)
+        )
+        return "network", WHOLE, "float32", verdict, seconds
+
     def lift(self, model: PatientModel) -> Lift:
         """The elastic map of the model, made once."""
         if "lift" not in self._kept:
             law = self.fem.material(model.tissue)
-            self._kept["lift"] = make_lift(model, law, CONTROLS, WHOLE)
+            self._kept["lift"] = make_lift(model, law, self.controls, WHOLE)
         return self._kept["lift"]
 
     # ---- methods
