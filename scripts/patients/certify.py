@@ -30,7 +30,8 @@ def certify(
 ) -> None:
     """Write the certificate as JSON.
 
-    about: case, plan (its name), method, corrections, code, and the method whose place it takes (`instead_of`), if any.
+    about: case, plan (its name), method, corrections, code, and the method whose place it takes (`instead_of`), if any,
+    and why (`because`, words before that method).
     folder: the archive of a learned method, else None; compared: how patient and plan lie to its training.
     """
     patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])

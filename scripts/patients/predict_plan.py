@@ -9,17 +9,21 @@ from pinnochio.beside import beside
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.certificate import in_distribution
+from pinnochio.patients.certificate import astray, in_distribution
 from pinnochio.patients.front import within
 from pinnochio.patients.in_distribution import Ranges, widening
 from pinnochio.patients.model_archive import FALLBACK, RANGES, calibration_file
+from pinnochio.patients.result import read_result, read_solution
 from pinnochio.plans.plan import Plan
 from pinnochio.stages import Stages
 from pinnochio.training.device import device_of
 
 PREDICT, CERTIFY = "scripts.prediction.predict:predict", "scripts.patients.certify:certify"
 DRAW, SHOW = "scripts.patients.show_prediction:draw", "scripts.patients.show_prediction:show_prediction"
+UNLIKE = "patient or plan is unlike those of the training of"
+TORN = "tissue is folded or taken off its bone by"
 EXPORT = "scripts.patients.export_prediction:export_prediction"
 
 
@@ -39,8 +43,8 @@ def predict_plan(
 ) -> None:
     """Run the stages: prediction (with its interval, of networks), certificate; beside them pictures, files and page.
 
-    A patient or plan unlike the networks' training is predicted by finite elements in their place, where the archive
-    says how near these come.
+    Finite elements predict in the networks' place, where the archive says how near these come, a patient or plan unlike
+    the training, and one whose tissue the networks tear.
 
     about: as :func:`~scripts.patients.certify.certify` takes it; planned: files model and plan; method: predictor, its
     settings, device and threads; networks: file by fold, none of a method that learns nothing; archive: folder of the
@@ -49,7 +53,7 @@ def predict_plan(
     skin (several), folder bones, and of networks ensemble.
     """
     case, result = about["case"], outputs["result"]
-    named, names, compared, calibrated = {"case": case}, list(networks) or [case], None, {}
+    named, compared = {"case": case}, None
     if seconds:
         best = within(seconds, PatientModel.read(planned["model"]), Plan.read(planned["plan"], case), fem)
         print(best.words, flush=True)
@@ -59,22 +63,22 @@ def predict_plan(
         about = dict(about) | {"method": best.method, "expected_mm": best.mm}
     if archive:
         compared = compare(case, **planned, quality=quality, ranges=str(Path(archive) / RANGES))
-    if networks and (Path(archive) / calibration_file(FALLBACK)).is_file() and not compared["within"]:
-        about = dict(about) | {"method": FALLBACK, "instead_of": about["method"], "corrections": 0}
-        method, names, networks, lifts, covariates = {**method, **others[FALLBACK]}, [FALLBACK], {}, [], []
+    given = {"names": list(networks) or [case], "trained": list(networks.values()), "lifts": lifts}
+    given |= {"covariates": covariates, **method}
+    other = {"names": [FALLBACK], "trained": [], "lifts": [], "covariates": [], **method, **others.get(FALLBACK, {})}
+    instead = dict(about) | {"method": FALLBACK, "instead_of": about["method"], "corrections": 0}
+    known = bool(networks) and (Path(archive) / calibration_file(FALLBACK)).is_file()
+    if known and not compared["within"]:
+        known, given, about = False, other, instead | {"because": UNLIKE}
     drawn = [str(Path(result).with_name(f".{name}.json")) for name in ("bones", "faces")]
     begin = partial(beside().submit, Stages(Path(result).with_name(".beside.json")))
     begun = [begin(DRAW, planned, {"pictures": drawn[0]}, named)]
     with Stages(Path(result).with_name(".predict_plan.json")) as stages:
-        read = {"models": [planned["model"]], "plans": [[planned["plan"]]], "trained": list(networks.values())}
-        read |= {"lifts": lifts, "truths": [], "covariates": covariates}
-        made = {"predictions": [outputs["ensemble"] if archive else result]}
-        stages(PREDICT, read, made, {"names": names, "cases": [case], "warm": False, **method})
-        if archive:
-            calibrated = {"calibration": str(Path(archive) / calibration_file(about["method"]))}
-            read = {"model": planned["model"], "ensemble": outputs["ensemble"], **calibrated}
-            settings = {**named, "fem": fem, "widening": widening(compared)}
-            stages("scripts.prediction.predict_interval:predict_interval", read, {"result": result}, settings)
+        files = {"planned": planned, "archive": archive, "result": result, "ensemble": outputs.get("ensemble")}
+        calibrated = field(stages, about, given, files, fem, compared)
+        if known and torn(case, result, **planned):
+            about = instead | {"because": TORN}
+            calibrated = field(stages, about, other, files, fem, compared)
         read = {**planned, "result": result}
         begun.append(begin(DRAW, read, {"pictures": drawn[1]}, named))
         begun.append(begin(EXPORT, read, {name: outputs[name] for name in ("mesh", "skin", "bones")}, named))
@@ -85,6 +89,35 @@ def predict_plan(
         begun.append(begin(SHOW, {**read, **certificate, **calibrated, "drawn": drawn}, made, named))
         for each in begun:
             each.result()
+
+
+def field(
+    stages: Stages, about: Mapping, given: Mapping, files: Mapping, fem: FemSettings, compared: Mapping | None
+) -> dict[str, str]:
+    """Make the field with its interval, of a method with a calibration: the file of that, by its name.
+
+    given: what :func:`~scripts.prediction.predict.predict` takes of the method; files: model and plan (`planned`),
+    archive, result and ensemble.
+    """
+    settings, (case, archive) = dict(given), (about["case"], files["archive"])
+    read = {name: settings.pop(name) for name in ("trained", "lifts", "covariates")}
+    read |= {"models": [files["planned"]["model"]], "plans": [[files["planned"]["plan"]]], "truths": []}
+    made = {"predictions": [files["ensemble"] if archive else files["result"]]}
+    stages(PREDICT, read, made, settings | {"cases": [case], "warm": False})
+    if not archive:
+        return {}
+    calibrated = {"calibration": str(Path(archive) / calibration_file(about["method"]))}
+    read = {"model": files["planned"]["model"], "ensemble": files["ensemble"], **calibrated}
+    settings = {"case": case, "fem": fem, "widening": widening(compared)}
+    stages("scripts.prediction.predict_interval:predict_interval", read, {"result": files["result"]}, settings)
+    return calibrated
+
+
+def torn(case: str, result: str, model: str, plan: str) -> bool:
+    """Whether a field was scaled to keep its elements upright, or takes tissue off its bone: no plan is carried out."""
+    patient = PatientModel.read(model)
+    displacement = read_result(result, case, patient).displacement
+    return read_solution(result, case).damping < 1 or astray(patient, Plan.read(plan, case), displacement) > OFF_BONE
 
 
 def compare(case: str, model: str, plan: str, quality: str, ranges: str) -> dict:

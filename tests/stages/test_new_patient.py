@@ -13,6 +13,7 @@ import pytest
 import pyvista as pv
 
 from pinnochio.columns import read_table
+from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction, write_predictions
 from pinnochio.model.regions import NAMES, regions
@@ -21,13 +22,13 @@ from pinnochio.patients.face_measures import TABLE
 from pinnochio.patients.front import within
 from pinnochio.patients.model_archive import FALLBACK, Archive, calibration_file
 from pinnochio.patients.result import Solution
-from pinnochio.plans.plan import Plan
+from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.plans.surgery import in_words as in_words_of
 from pinnochio.statistics.intervals import Calibration, Interval
 from scripts.patients.certify import certify
 from scripts.patients.export_prediction import export_prediction
 from scripts.patients.pack import pack
-from scripts.patients.predict_plan import compare, predict_plan
+from scripts.patients.predict_plan import TORN, UNLIKE, compare, predict_plan, torn
 from scripts.patients.show_prediction import draw, show_prediction
 from tests.helpers.browser import DRIVEN, chromium, uncaught
 from tests.helpers.settings import CONFIG, SEGMENTS
@@ -154,40 +155,52 @@ def test_seconds_choose_the_method_and_say_first_how_near_it_comes(patient, arch
         assert said["solution"]["solver"] == (method == FALLBACK)
 
 
-@pytest.mark.parametrize("alike", [False, True])
-def test_finite_elements_stand_in_for_networks_that_were_trained_on_others(patient, archive, alike, tmp_path):
-    """The networks here are none: where they are asked, the prediction fails."""
+@pytest.mark.parametrize("why", ["unlike", "torn", "nothing"])
+def test_finite_elements_stand_in_for_networks(patient, archive, why, tmp_path, monkeypatch):
+    """Where patients are unlike the training (the networks here are none: asked, they fail), or tissue is torn."""
     shutil.copytree(archive[0], folder := tmp_path / "packed")
     width = dict.fromkeys(NAMES, 2.5)
     (folder / FALLBACK).mkdir()
     Calibration(FALLBACK, 0.9, 2, 2, width, dict.fromkeys(NAMES, 0.1)).write(folder / calibration_file(FALLBACK))
     ranges = json.loads((folder / "ranges.json").read_text())
-    ranges["segments"] = list(SEGMENTS) if alike else ["chin"]
+    ranges["segments"] = ["chin"] if why == "unlike" else list(SEGMENTS)
     (folder / "ranges.json").write_text(json.dumps(ranges))
     Archive.read(archive[0]).write(folder)
     names = {"result": "interval.h5", "ensemble": "ensemble.h5", "certificate": "certificate.json"}
     names |= {"page": "index.html", "measures": "measures.csv"}
-    settings = {"fem": vars(patient.fem)}
-    others = {FALLBACK: {"predictor": f"pinnochio.methods.{SLIDING}", "settings": settings | {"contact": "mucosa"}}}
+    settings = {"fem": vars(patient.fem), "newton_corrections": 1, "contact": "mucosa"}
+    others = {FALLBACK: {"predictor": f"pinnochio.methods.{SLIDING}", "settings": settings}}
     more = {"covariates": [patient.covariates], "archive": str(folder), "others": others}
     more["networks"] = {fold: str(folder / METHOD / f"{fold}.pt") for fold in "12"}
-    network = {"predictor": "pinnochio.methods.pinnochio.predictor:GraphPredictor"}
-    more["method"] = network | {"settings": settings | {"newton_corrections": 1}} | PROCESSOR
+    network = "pinnochio.methods.pinnochio.predictor:GraphPredictor"
+    if why == "torn":
+        network = "pinnochio.methods.elastic:ElasticPredictor"
+        monkeypatch.setattr("scripts.patients.predict_plan.astray", lambda *_: OFF_BONE + 0.1)
+    more["method"] = {"predictor": network, "settings": settings} | PROCESSOR
     predict = partial(by_plan, patient, archive[1][0], METHOD, 1, tmp_path, names, **more)
-    if alike:
+    if why == "nothing":
         with pytest.raises(Exception, match=r"1\.pt"):
             predict()
         return
     predict()
     said = json.loads((tmp_path / "certificate.json").read_text())
     assert (said["method"], said["instead_of"]) == (FALLBACK, METHOD) and said["solution"]["solver"]
-    assert not said["in_distribution"]["within"] and said["interval"]["median_mm"] >= 2.5
+    assert said["in_distribution"]["within"] == (why == "torn") and said["interval"]["median_mm"] >= 2.5
     assert said["measures"]["eqres_rel"] < 1e-2
     page = (tmp_path / "index.html").read_text()
-    assert "Sliding FEM</b>: patient or plan is unlike those that" in page
+    assert f"Sliding FEM</b>: {TORN if why == 'torn' else UNLIKE}" in page
     assert "are like those of the training" not in page
     speaking_against = {row.what for row in in_words(said) if row.good is False or row.bad}
     assert not speaking_against & {"Bone segments", "Anatomy", "Plan", "Muscle layer"}
+
+
+def test_a_field_is_torn_where_it_leaves_its_bone_or_was_scaled(patient, result, tmp_path):
+    scaled = tmp_path / "scaled.h5"
+    Interval.read(result).write(scaled, **asdict(Solution(damping=0.5)))
+    for way, field, expected in ((2, result, False), (9, result, True), (2, scaled, True)):
+        motions = {name: RigidMotion(translation=np.array([0.0, -way, 0])) for name in SEGMENTS}
+        Plan(patient.case, motions).write(tmp_path / "plan.json")
+        assert torn(patient.case, str(field), patient.model, str(tmp_path / "plan.json")) == expected
 
 
 def test_a_method_without_training_has_neither_interval_nor_likeness(patient, archive, tmp_path):
