@@ -30,8 +30,7 @@ def certify(
 ) -> None:
     """Write the certificate as JSON.
 
-    about: case, plan (its name), method, corrections, code, and the method whose place it takes (`instead_of`), if any,
-    and why (`because`, words before that method).
+    about: case, plan (its name), method, corrections, code; whose place it takes (`instead_of`) and why (`because`).
     folder: the archive of a learned method, else None; compared: how patient and plan lie to its training.
     """
     patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])

@@ -24,6 +24,7 @@ PREDICT, CERTIFY = "scripts.prediction.predict:predict", "scripts.patients.certi
 DRAW, SHOW = "scripts.patients.show_prediction:draw", "scripts.patients.show_prediction:show_prediction"
 UNLIKE = "patient or plan is unlike those of the training of"
 TORN = "tissue is folded or taken off its bone by"
+INTERVAL = "scripts.prediction.predict_interval:predict_interval"
 EXPORT = "scripts.patients.export_prediction:export_prediction"
 
 
@@ -53,7 +54,7 @@ def predict_plan(
     skin (several), folder bones, and of networks ensemble.
     """
     case, result = about["case"], outputs["result"]
-    named, compared = {"case": case}, None
+    named = {"case": case}
     if seconds:
         best = within(seconds, PatientModel.read(planned["model"]), Plan.read(planned["plan"], case), fem)
         print(best.words, flush=True)
@@ -61,24 +62,35 @@ def predict_plan(
         method = {**method, **others[best.method]}
         method["settings"] = {**method["settings"], "fem": asdict(fem)}
         about = dict(about) | {"method": best.method, "expected_mm": best.mm}
-    if archive:
-        compared = compare(case, **planned, quality=quality, ranges=str(Path(archive) / RANGES))
-    given = {"names": list(networks) or [case], "trained": list(networks.values()), "lifts": lifts}
-    given |= {"covariates": covariates, **method}
+    compared = compare(case, **planned, quality=quality, ranges=str(Path(archive) / RANGES)) if archive else None
+    first = {"names": list(networks) or [case], "trained": list(networks.values()), "lifts": lifts}
+    first |= {"covariates": covariates, **method}
     other = {"names": [FALLBACK], "trained": [], "lifts": [], "covariates": [], **method, **others.get(FALLBACK, {})}
     instead = dict(about) | {"method": FALLBACK, "instead_of": about["method"], "corrections": 0}
-    known = bool(networks) and (Path(archive) / calibration_file(FALLBACK)).is_file()
-    if known and not compared["within"]:
-        known, given, about = False, other, instead | {"because": UNLIKE}
+    able = bool(networks) and (Path(archive) / calibration_file(FALLBACK)).is_file()
+    if able and not compared["within"]:
+        able, first, about = False, other, instead | {"because": UNLIKE}
     drawn = [str(Path(result).with_name(f".{name}.json")) for name in ("bones", "faces")]
     begin = partial(beside().submit, Stages(Path(result).with_name(".beside.json")))
     begun = [begin(DRAW, planned, {"pictures": drawn[0]}, named)]
     with Stages(Path(result).with_name(".predict_plan.json")) as stages:
-        files = {"planned": planned, "archive": archive, "result": result, "ensemble": outputs.get("ensemble")}
-        calibrated = field(stages, about, given, files, fem, compared)
-        if known and torn(case, result, **planned):
+
+        def field(by: Mapping, name: str) -> dict[str, str]:
+            settings = {"cases": [case], "warm": False, **by}
+            read = {key: settings.pop(key) for key in ("trained", "lifts", "covariates")}
+            read |= {"models": [planned["model"]], "plans": [[planned["plan"]]], "truths": []}
+            stages(PREDICT, read, {"predictions": [outputs["ensemble"] if archive else result]}, settings)
+            if not archive:
+                return {}
+            known = {"calibration": str(Path(archive) / calibration_file(name))}
+            read = {"model": planned["model"], "ensemble": outputs["ensemble"], **known}
+            stages(INTERVAL, read, {"result": result}, {**named, "fem": fem, "widening": widening(compared)})
+            return known
+
+        calibrated = field(first, about["method"])
+        if able and torn(case, result, **planned):
             about = instead | {"because": TORN}
-            calibrated = field(stages, about, other, files, fem, compared)
+            calibrated = field(other, FALLBACK)
         read = {**planned, "result": result}
         begun.append(begin(DRAW, read, {"pictures": drawn[1]}, named))
         begun.append(begin(EXPORT, read, {name: outputs[name] for name in ("mesh", "skin", "bones")}, named))
@@ -89,28 +101,6 @@ def predict_plan(
         begun.append(begin(SHOW, {**read, **certificate, **calibrated, "drawn": drawn}, made, named))
         for each in begun:
             each.result()
-
-
-def field(
-    stages: Stages, about: Mapping, given: Mapping, files: Mapping, fem: FemSettings, compared: Mapping | None
-) -> dict[str, str]:
-    """Make the field with its interval, of a method with a calibration: the file of that, by its name.
-
-    given: what :func:`~scripts.prediction.predict.predict` takes of the method; files: model and plan (`planned`),
-    archive, result and ensemble.
-    """
-    settings, (case, archive) = dict(given), (about["case"], files["archive"])
-    read = {name: settings.pop(name) for name in ("trained", "lifts", "covariates")}
-    read |= {"models": [files["planned"]["model"]], "plans": [[files["planned"]["plan"]]], "truths": []}
-    made = {"predictions": [files["ensemble"] if archive else files["result"]]}
-    stages(PREDICT, read, made, settings | {"cases": [case], "warm": False})
-    if not archive:
-        return {}
-    calibrated = {"calibration": str(Path(archive) / calibration_file(about["method"]))}
-    read = {"model": files["planned"]["model"], "ensemble": files["ensemble"], **calibrated}
-    settings = {"case": case, "fem": fem, "widening": widening(compared)}
-    stages("scripts.prediction.predict_interval:predict_interval", read, {"result": files["result"]}, settings)
-    return calibrated
 
 
 def torn(case: str, result: str, model: str, plan: str) -> bool:

@@ -114,8 +114,7 @@ def largest_motions(patient: PatientModel, plan: Plan) -> dict[str, float]:
 
 
 def astray(patient: PatientModel, plan: Plan, displacement) -> float:
-    """How far tissue is from its bone at most, mm: what slides (:func:`off_bone`), and what is attached, which the
-    repair of a network's field may have moved."""
+    """How far tissue, sliding (:func:`off_bone`) or attached, is from its bone at most, mm."""
     cue, held = patient.reference_cue(plan)
     attached = np.linalg.norm(displacement - cue, axis=1)[held]
     return max(float(part.max(initial=0.0)) for part in (off_bone(patient, plan, displacement), attached))
@@ -317,8 +316,7 @@ def _field_rows(of: Mapping, models: Mapping | None) -> list[Finding]:
         Finding(
             "Tissue off its bone",
             f"{measured.number('off_bone_mm', '.1f')} mm at most",
-            "How far sliding tissue has come from, or gone into, its bone, and attached tissue from where it belongs. "
-            f"Above {OFF_BONE:g} mm it has gone over the bone's rim, or been torn from it: nobody knows what holds it.",
+            f"What slides or is attached. Above {OFF_BONE:g} mm, beyond a rim or torn, nobody knows what holds it.",
             known["off_bone_mm"] <= OFF_BONE,
             not known["off_bone_mm"] <= OFF_BONE,
         ),

@@ -10,8 +10,6 @@ VARIED = {
     "fem_bonded": ("nodes", "element", "solver"),
     "fem_sliding": ("nodes", "element", "solver", "accuracy"),
 }
-NEWTON = "Newton's method"
-UNKEPT = {"kept_factors": False}  # Newton's method, which knows increments
 
 
 @dataclass(frozen=True)
@@ -50,9 +48,7 @@ def fem_settings(nodes: int, config: Mapping, contacts: Mapping[str, str]) -> li
         settings += setting(method, "element", "p1", fem={"volumetric": "p1"})
         for accuracy in config["accuracies"]:
             settings += setting(method, "accuracy", str(accuracy), fem={"accuracy": accuracy})
-        settings += setting(method, "solver", NEWTON, fem=UNKEPT)
-        for count in config["increments"]:
-            settings += setting(method, "solver", f"{NEWTON}, {count} increments", fem=UNKEPT | {"increments": count})
+        settings += setting(method, "solver", "Newton's method", fem={"kept_factors": False})
     return settings
 
 

@@ -17,7 +17,6 @@ from studies.tradeoff.settings import BASE
 FRONTS = {"cd": "front_outcome", "face_error": "front_reference"}
 ERRORS = {"cd": "the outcome", "face_error": "the reference solution"}
 LIMITS = (0.1, 1.0, 10.0)  # s
-LAST = 0.1  # mm
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
@@ -51,37 +50,14 @@ def pareto(seconds, errors) -> np.ndarray:
 
 
 def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
-    """Paragraphs on rows of TRADEOFF: the best under each of LIMITS, the last 0.1 mm, what is dominated."""
+    """Paragraphs on rows of TRADEOFF: the best under each of LIMITS, and what did not converge."""
     sound = frame[(frame["failed"] == 0) & frame[["cd", "seconds"]].notna().all(axis=1)]
-    best, cost, worse = [], [], []
-    for limit in LIMITS:
-        fast = sound[sound["seconds"] < limit]
-        best += [
-            f"under {limit:g} s {_best(fast, error)} is nearest to {what}"
-            for error, what in ERRORS.items()
-            if len(fast)
-        ]
-    for error, what in ERRORS.items():
-        optimal = sound[sound[FRONTS[error]] & (sound[error] > 0)].sort_values("seconds")  # not the reference itself
-        last = optimal.iloc[-1]
-        near = optimal[optimal[error] <= last[error] + LAST].iloc[0]
-        ratio = last["seconds"] / max(near["seconds"], 1e-9)
-        cost.append(
-            f"against {what} from {_shown(near, error)} to {_shown(last, error)}, {ratio:.3g} times as long"
-            if ratio > 1
-            else f"against {what} nothing faster comes so near to the best, {_shown(last, error)}"
-        )
-    for _, group in sound.groupby("method", sort=False):
-        if not group[list(FRONTS.values())].to_numpy().any():
-            one = group.sort_values("cd").iloc[0]
-            better = sound[(sound["seconds"] <= one["seconds"]) & (sound["cd"] < one["cd"])]
-            beaten = f", beaten by {_best(better, 'cd')}" if len(better) else ""
-            worse.append(f"{_shown(one, 'cd')}{beaten}")
+    under = [(f"{limit:g} s", sound[sound["seconds"] < limit]) for limit in LIMITS]
+    pairs = [(*one, *error) for one in under if len(one[1]) for error in ERRORS.items()]
+    best = [f"under {limit} {_best(fast, error)} is nearest to {what}" for limit, fast, error, what in pairs]
     failed = [f"{named(row)} ({row['failed']} of {row['n']})" for _, row in frame[frame["failed"] > 0].iterrows()]
     return [
         f"Best per plan, {cohort}, n = {frame['n'].max()} patients: {'; '.join(best) or 'nothing is so fast'}.",
-        f"What the last {LAST} mm cost: {'; '.join(cost)}.",
-        f"On neither Pareto front at any setting, so not to be used: {'; '.join(worse) or 'no method'}.",
         f"Not converged on every patient, and so on no Pareto front: {'; '.join(failed) or 'nothing'}.",
     ]
 
@@ -98,12 +74,9 @@ def named(row) -> str:
     return f"{row['method']}, {row['parameter']} {row['value'].split(',')[0]}"
 
 
-def _shown(row, error: str) -> str:
-    return f"{named(row)} ({row[error]:.3f} mm, {row['seconds']:.3g} s)"
-
-
 def _best(rows: pd.DataFrame, error: str) -> str:
-    return _shown(rows.sort_values([error, "seconds"]).iloc[0], error)
+    row = rows.sort_values([error, "seconds"]).iloc[0]
+    return f"{named(row)} ({row[error]:.3f} mm, {row['seconds']:.3g} s)"
 
 
 def _fronts(row) -> str:
