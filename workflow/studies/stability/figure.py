@@ -20,7 +20,6 @@ TITLES = {
     "translation": "segment moved",
     "rotation": "segment turned",
     "rough": "set back on rough bone",
-    "field": "noise on the field",
     "poisson": "Poisson's ratio",
     "stiffness": "stiffness ratio",
     "dihedral": "smallest dihedral",

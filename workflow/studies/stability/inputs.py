@@ -7,7 +7,7 @@ from studies.stability.table import FAMILIES, OF_PATIENTS
 
 def parts(section: Mapping, cases: Sequence[str]) -> dict[str, dict[str, str]]:
     """Family, case and way of each part by its name; section: `stability` of the configuration."""
-    ways = {"translation": section["directions"], "rotation": section["axes"], "rough": ["back"], "field": ["-"]}
+    ways = {"translation": section["directions"], "rotation": section["axes"], "rough": ["back"]}
     named = {}
     for family in FAMILIES:
         moved = family in OF_PATIENTS

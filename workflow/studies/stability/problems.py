@@ -84,11 +84,6 @@ def moved(model: PatientModel, segment: str, way: str, amount: float) -> Plan:
     return Plan("-", {segment: turn})
 
 
-def advance(model: PatientModel, amount: float) -> Plan:
-    """Every segment forward by `amount` mm."""
-    return Plan("-", {name: moved(model, name, "forward", amount).motions[name] for name in model.segments})
-
-
 def roughened(model: PatientModel, amplitude: float, rng: np.random.Generator) -> PatientModel:
     """A patient whose bone is rough: each of its points moved along its normal by `amplitude` mm (one SD), the normals
     those of the rough surface."""

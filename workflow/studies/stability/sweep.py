@@ -73,7 +73,7 @@ class Sweep:
 
     def segments(self) -> tuple[str, ...]:
         """What is moved: each segment of a patient in turn, where one is, and both jaws where they are shifted."""
-        alone = self.model.segments if self.family in ("translation", "rotation", "rough") else ("-",)
+        alone = self.model.segments if self.family in OF_PATIENTS else ("-",)
         return (*alone, *[problems.JAWS] * (self.family == "translation"))
 
     def setting(self, value: float, segment: str) -> Iterator[dict]:
@@ -135,16 +135,11 @@ class Sweep:
         model = self.model
         if self.family == "rough":
             model = problems.roughened(model, self.config["roughness"], self.rng())
-        if self.family == "field":
-            plan = problems.advance(model, 5.0)
-        else:
-            plan = problems.moved(model, segment, self.way, value)
+        plan = problems.moved(model, segment, self.way, value)
         known: dict[str, np.ndarray] = {}
         problem = problems.movement(model, plan, self.fem, "float64")
         yield from self.solved(problem, value, WHOLE, "float64", known, segment)
         yield from self.mapped(problem, model, plan, known)
-        if self.family == "field":
-            return
         if self.network:
             yield self.predicted(problem, model, plan)
         if self.family != "rough":  # which bone it is does not matter there
@@ -202,12 +197,10 @@ class Sweep:
             known.setdefault("elastic", elastic * problem.millimetres)
         rng = self.rng(f"{value:g}", segment)
         rest = np.zeros(problem.points.shape) if elastic is None else elastic
-        wrong_start = self.family in ("inverted", "field")
-        if self.family == "inverted":
+        wrong_start = self.family == "inverted"
+        if wrong_start:
             # Linear theory has no start.
             start = problems.tangled(problem, known["solver"], value / 100, rng)
-        elif self.family == "field":
-            start = wild(problem, rest, value, rng)
         else:
             yield "elastic", element, precision, verdict, seconds
             # What a user hands over in single precision is a network's field; in double precision the solver gets none.
@@ -276,13 +269,6 @@ class Sweep:
 
         _, verdict, seconds = attempt(correct, judge)
         yield "corrections", element, precision, verdict, seconds
-
-
-def wild(problem: Problem, field: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarray:
-    """A field (n, 3) with noise of so many mm on its free nodes."""
-    other = np.array(field, float)
-    other[problem.free] += rng.normal(0, noise / problem.millimetres, (len(problem.free), 3))
-    return other
 
 
 def attempt(compute: Callable, judge: Callable) -> tuple[object, Verdict, float]:

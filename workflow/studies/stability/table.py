@@ -16,7 +16,6 @@ FAMILIES = {
     "translation": "mm",
     "rotation": "deg",
     "rough": "mm",
-    "field": "mm",
     "poisson": "-",
     "stiffness": "-",
     "dihedral": "deg",
@@ -24,7 +23,7 @@ FAMILIES = {
     "unit": "mm",
     "size": "nodes",
 }
-OF_PATIENTS = ("translation", "rotation", "rough", "field")  # the others are of the block
+OF_PATIENTS = ("translation", "rotation", "rough")  # the others are of the block
 KEY = ["family", "case", "way", "segment", "setting", "method", "element", "precision"]
 STABILITY = (
     Column("family", str, "", f"what is swept: {', '.join(FAMILIES)}"),
@@ -124,7 +123,7 @@ def envelope(frame: pd.DataFrame) -> list[dict]:
     """Of each method that makes a field and each family that moves segments: the largest setting up to which every
     cell converged to a field that tissue could have."""
     reach_rows = []
-    moved = frame[frame["family"].isin(["translation", "rotation", "rough"])]
+    moved = frame[frame["family"].isin(OF_PATIENTS)]
     moved = moved.assign(good=(moved["outcome"] == CONVERGED) & ~(moved["min_jacobian"] <= 0))
     for (method, family), group in moved.groupby(["method", "family"], sort=False):
         shares = group.groupby("setting")["good"]
