@@ -18,7 +18,7 @@ from studies.planner.wishing import Fit
 FIRST_LOOK = "first look"
 OUTSIDE = "Unlike the training in {}: do not rely on the interval."
 DAMPED = "Not usable: the field turned tissue inside out and was scaled to {:.2g} %; the plan is not carried out."
-OFF = "Not usable: tissue is {:.1f} mm off its bone; `predict` takes finite elements for such a plan."
+OFF = "Not usable: tissue is {:.1f} mm off its bone. Finite elements take over where this plan is predicted."
 FAR_BEYOND = "Not usable: {:.1f} widths of the training's range beyond it."
 REPAIR = "{} elements were turned inside out and solved again."
 # Of bones that run into each other by less than LIMIT, and by more.

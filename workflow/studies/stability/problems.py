@@ -67,7 +67,7 @@ def movement(model: PatientModel, plan: Plan, fem: FemSettings, precision: str, 
 
 def moved(model: PatientModel, segment: str, way: str, amount: float) -> Plan:
     """One segment of a patient moved by `amount`: mm in one of DIRECTIONS, or degrees about one of AXES; others stay.
-    JAWS are all segments but the rami, which are shifted together.
+    JAWS: all segments but the rami, together.
 
     A turn is about the middle of the segment's surface, not the condyles: as the rami stay where they are in this
     sweep, 30 degrees there would take the chin 40 mm away from them.
