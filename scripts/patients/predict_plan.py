@@ -9,15 +9,17 @@ from pinnochio.beside import beside
 from pinnochio.json_text import read_stored_json
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
+from pinnochio.mechanics.solvers.inversion_repair import Repair
 from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import astray, in_distribution
 from pinnochio.patients.front import within
 from pinnochio.patients.in_distribution import Ranges, widening
 from pinnochio.patients.model_archive import FALLBACK, RANGES, calibration_file
-from pinnochio.patients.result import read_result, read_solution
+from pinnochio.patients.result import of_ensemble
 from pinnochio.plans.plan import Plan
 from pinnochio.stages import Stages
+from pinnochio.statistics.intervals import read_ensemble
 from pinnochio.training.device import device_of
 
 PREDICT, CERTIFY = "scripts.prediction.predict:predict", "scripts.patients.certify:certify"
@@ -54,7 +56,7 @@ def predict_plan(
     skin (several), folder bones, and of networks ensemble.
     """
     case, result = about["case"], outputs["result"]
-    named = {"case": case}
+    named, calibrated = {"case": case}, {}
     if seconds:
         best = within(seconds, PatientModel.read(planned["model"]), Plan.read(planned["plan"], case), fem)
         print(best.words, flush=True)
@@ -74,23 +76,22 @@ def predict_plan(
     begin = partial(beside().submit, Stages(Path(result).with_name(".beside.json")))
     begun = [begin(DRAW, planned, {"pictures": drawn[0]}, named)]
     with Stages(Path(result).with_name(".predict_plan.json")) as stages:
+        ensemble = outputs["ensemble"] if archive else result
 
-        def field(by: Mapping, name: str) -> dict[str, str]:
+        def field(by: Mapping, file: str) -> None:
             settings = {"cases": [case], "warm": False, **by}
             read = {key: settings.pop(key) for key in ("trained", "lifts", "covariates")}
             read |= {"models": [planned["model"]], "plans": [[planned["plan"]]], "truths": []}
-            stages(PREDICT, read, {"predictions": [outputs["ensemble"] if archive else result]}, settings)
-            if not archive:
-                return {}
-            known = {"calibration": str(Path(archive) / calibration_file(name))}
-            read = {"model": planned["model"], "ensemble": outputs["ensemble"], **known}
-            stages(INTERVAL, read, {"result": result}, {**named, "fem": fem, "widening": widening(compared)})
-            return known
+            stages(PREDICT, read, {"predictions": [file]}, settings)
 
-        calibrated = field(first, about["method"])
-        if able and torn(case, result, **planned):
-            about = instead | {"because": TORN}
-            calibrated = field(other, FALLBACK)
+        field(first, ensemble)
+        if able and torn(case, ensemble, **planned):
+            about, ensemble = instead | {"because": TORN}, str(Path(result).with_name(".instead.h5"))
+            field(other, ensemble)
+        if archive:
+            calibrated = {"calibration": str(Path(archive) / calibration_file(about["method"]))}
+            read = {"model": planned["model"], "ensemble": ensemble, **calibrated}
+            stages(INTERVAL, read, {"result": result}, {**named, "fem": fem, "widening": widening(compared)})
         read = {**planned, "result": result}
         begun.append(begin(DRAW, read, {"pictures": drawn[1]}, named))
         begun.append(begin(EXPORT, read, {name: outputs[name] for name in ("mesh", "skin", "bones")}, named))
@@ -103,11 +104,11 @@ def predict_plan(
             each.result()
 
 
-def torn(case: str, result: str, model: str, plan: str) -> bool:
-    """Whether a field was scaled to keep its elements upright, or takes tissue off its bone: no plan is carried out."""
-    patient = PatientModel.read(model)
-    displacement = read_result(result, case, patient).displacement
-    return read_solution(result, case).damping < 1 or astray(patient, Plan.read(plan, case), displacement) > OFF_BONE
+def torn(case: str, ensemble: str, model: str, plan: str) -> bool:
+    """Whether a field was scaled to keep its elements upright, or the mean one takes tissue off its bone."""
+    damping = of_ensemble(ensemble, Repair(raw_least=1.0, raw_inverted=0, least=1.0)).damping
+    away = astray(PatientModel.read(model), Plan.read(plan, case), read_ensemble(ensemble).mean(axis=0))
+    return damping < 1 or away > OFF_BONE
 
 
 def compare(case: str, model: str, plan: str, quality: str, ranges: str) -> dict:

@@ -194,13 +194,14 @@ def test_finite_elements_stand_in_for_networks(patient, archive, why, tmp_path, 
     assert not speaking_against & {"Bone segments", "Anatomy", "Plan", "Muscle layer"}
 
 
-def test_a_field_is_torn_where_it_leaves_its_bone_or_was_scaled(patient, result, tmp_path):
-    scaled = tmp_path / "scaled.h5"
-    Interval.read(result).write(scaled, **asdict(Solution(damping=0.5)))
-    for way, field, expected in ((2, result, False), (9, result, True), (2, scaled, True)):
+def test_a_field_is_torn_where_it_leaves_its_bone_or_was_scaled(patient, tmp_path):
+    forward = np.tile([0.0, -2, 0], (len(PatientModel.read(patient.model).points), 1))
+    for way, damping, expected in ((2, 1.0, False), (9, 1.0, True), (2, 0.5, True)):
         motions = {name: RigidMotion(translation=np.array([0.0, -way, 0])) for name in SEGMENTS}
         Plan(patient.case, motions).write(tmp_path / "plan.json")
-        assert torn(patient.case, str(field), patient.model, str(tmp_path / "plan.json")) == expected
+        made = {fold: Prediction(forward, repaired=0, damping=damping) for fold in "12"}
+        write_predictions(tmp_path / "ensemble.h5", made)
+        assert torn(patient.case, str(tmp_path / "ensemble.h5"), patient.model, str(tmp_path / "plan.json")) == expected
 
 
 def test_a_method_without_training_has_neither_interval_nor_likeness(patient, archive, tmp_path):
