@@ -18,9 +18,7 @@ add_table(
 )
 
 
-@cache
-def predicting():
-    return choose(config, STUDY.models)
+predicting = cache(lambda: choose(config, STUDY.models))  # read where it is asked for
 
 
 rule measure_stability:
