@@ -81,7 +81,7 @@ def solution(request, block):
 @pytest.fixture(scope="module")
 def sliding():
     """A patient with sliding nodes, moved by 2 mm, and its solution."""
-    problem = problems.movement(PATIENT, problems.moved(PATIENT, "left", "forward", 2.0), FEM, "float64")
+    problem = problems.movement(PATIENT, problems.moved(PATIENT, "left", "forward", 2.0), FEM)
     assert len(problem.boundary.sliding[0].nodes)
     return problem, solved(problem, VOLUMETRIC[0])
 
@@ -350,7 +350,7 @@ def test_only_a_refusal_in_words_is_a_clean_failure():
 def test_no_start_leads_to_a_solution_with_elements_inside_out():
     """The extended law has an equilibrium there; it was called converged."""
     patient = tiny_patient(shape=(13, 9, 7), edge=2.5)
-    problem = problems.movement(patient, problems.moved(patient, "left", "forward", 2.0), FEM, "float64")
+    problem = problems.movement(patient, problems.moved(patient, "left", "forward", 2.0), FEM)
     start, options = elastic(problem, "patch"), fem_settings(restart=False)
     result = solve(problem.points, problem.cells, problem.material, problem.boundary, options, start)
     assert result.min_jacobian < 0 and result.residual < 1e-6

@@ -38,7 +38,7 @@ TINY = np.finfo(float).tiny
 class Verdict:
     """outcome: one of OUTCOMES, and why; least J of the state; residual: what the judge measured, relative.
 
-    marked: a wrong field that the certificate of `predict` calls not usable, or of a method that `predict` refuses.
+    marked: a wrong field that the certificate of `predict` calls not usable.
     """
 
     outcome: str
@@ -101,6 +101,12 @@ class Balance:
         pressure = (self.lam * averaged)[self.patches] + 4 * self.material.stiffening * trace
         stress = self.material.mu[:, None, None] * (gradient + gradient.transpose(0, 2, 1))
         return self._added(stress + pressure[:, None, None] * np.eye(3))
+
+    def residual(self, force, held) -> float:
+        """Force (n, 3) on free nodes over that on held ones (p,), or at least over the one at a strain of 1e-4."""
+        free = np.setdiff1d(np.arange(len(force)), held)
+        least = 1e-4 * self.modulus * self.edge**2 * np.sqrt(3 * len(held))
+        return float(np.linalg.norm(force[free]) / max(np.linalg.norm(force[held]), least))
 
     def _added(self, stress) -> np.ndarray:
         pulls = self.volumes[:, None, None] * stress @ self.inverse.transpose(0, 2, 1)  # of corners 1 to 3, in columns
@@ -253,10 +259,7 @@ def judge_correction(
         return Verdict(WRONG, "the displacement is not finite")
     balance = Balance.of(problem, element)
     force, least = balance.force(last.displacement), float(balance.ratios(last.displacement).min())
-    fixed = np.zeros(len(force), bool)
-    fixed[nodes] = True
-    floor = 1e-4 * balance.modulus * balance.edge**2 * np.sqrt(3 * len(nodes))
-    residual = float(np.linalg.norm(force[~fixed]) / max(np.linalg.norm(force[fixed]), floor))
+    residual = balance.residual(force, nodes)
     complaints = [] if least > 0 else [f"least J is {least:.2g}"]
     claims = {"residual": (last.residual, residual), "least J": (last.least, least)}
     complaints += [f"{name} is said to be {said:.3g}, is {is_:.3g}" for name, (said, is_) in claims.items()
@@ -281,10 +284,7 @@ def judge_network(problem: Problem, element: str, made: Prediction, fem: FemSett
     balance = Balance.of(problem, element)
     force, least = balance.force(field), float(balance.ratios(field).min())
     force = force if made.forces is None else force - made.forces
-    held = np.ones(len(field), bool)
-    held[problem.free] = False
-    floor = 1e-4 * balance.modulus * balance.edge**2 * np.sqrt(3 * held.sum())
-    residual = float(np.linalg.norm(force[~held]) / max(np.linalg.norm(force[held]), floor))
+    residual = balance.residual(force, np.setdiff1d(np.arange(len(field)), problem.free))
     after = f"after {made.iterations} corrections"
     if made.damping < 1:
         return Verdict(CLEAN, f"field scaled to {100 * made.damping:.2g} %", least, residual)

@@ -54,10 +54,8 @@ class Problem:
         return self.points, self.cells, self.material, self.boundary
 
 
-def movement(model: PatientModel, plan: Plan, fem: FemSettings, precision: str, arm: str = "mucosa") -> Problem:
+def movement(model: PatientModel, plan: Plan, fem: FemSettings, arm: str = "mucosa") -> Problem:
     """A patient under a plan; arm: one of `sliding.ARMS`. InputError for an unknown segment."""
-    arrays = {name: getattr(model, name).astype(precision) for name in ("points", "bone_points", "bone_normals")}
-    model = replace(model, **arrays)
     boundary = boundary_conditions(model, plan, arm)
     # Bonded, nodes between two bones follow neither.
     held = boundary.prescribed_nodes if arm == "bonded" else np.flatnonzero(model.node_type != FREE)

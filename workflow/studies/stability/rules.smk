@@ -55,7 +55,7 @@ rule measure_stability:
         fem=config["fem"],
         seed=SEED,
         controls=config["lift"]["controls"],
-        corrections=lambda wildcards: predicting().corrections,
+        corrections=lambda _, input: predicting().corrections if input.network else 0,
         code=code_of("studies.stability.measure_stability"),
     message:
         "Take every method to its extremes: {wildcards.part}"

@@ -137,13 +137,13 @@ class Sweep:
             model = problems.roughened(model, self.config["roughness"], self.rng())
         plan = problems.moved(model, segment, self.way, value)
         known: dict[str, np.ndarray] = {}
-        problem = problems.movement(model, plan, self.fem, "float64")
+        problem = problems.movement(model, plan, self.fem)
         yield from self.solved(problem, value, WHOLE, "float64", known, segment)
         yield from self.mapped(problem, model, plan, known)
         if self.network:
             yield self.predicted(problem, model, plan)
         if self.family != "rough":  # which bone it is does not matter there
-            held = problems.movement(model, plan, self.fem, "float64", "bonded")
+            held = problems.movement(model, plan, self.fem, "bonded")
             yield self.solution(held, "bonded", WHOLE, "float64", None, unique=False)
 
     def mapped(self, problem: Problem, model: PatientModel, plan: Plan, known: Mapping):

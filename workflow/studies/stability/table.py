@@ -38,7 +38,7 @@ STABILITY = (
     Column("reason", str, "", "why"),
     number("min_jacobian", "", "smallest det F of the state"),
     number("residual", "", "relative force on free unknowns", ".1e"),
-    Column("marked", bool, "", "wrong, and `predict` calls such a field not usable or refuses the method"),
+    Column("marked", bool, "", "wrong, and `predict` calls such a field not usable"),
     Column("seconds", float, "s", "time of the method, without the check", ".3f"),
     Column("case", str, "", "patient, or block"),
     Column("seed", int, "", "seed of the study"),
@@ -153,6 +153,6 @@ def wrong_in_words(frame: pd.DataFrame) -> list[str]:
     caught = int(rows["marked"].sum())
     words = [
         f"{len(rows)} cells are wrong; {caught} of them no user of `predict` is given: its certificate calls the field "
-        "not usable, or it refuses the method."
+        "not usable."
     ]
     return [*words, *unmarked(frame)]
