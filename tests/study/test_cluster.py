@@ -22,7 +22,8 @@ pytestmark = [
     pytest.mark.skipif(bool(MISSING), reason=f"a SLURM on loopback lacks {MISSING}: apt-get install munge slurm-wlm"),
 ]
 STUDY = ["--configfile", "config/quick.yaml", "own.yaml"]
-CHANGES = "methods: [no_change, pinnochio]\nreference: pinnochio\nablation: []\nvirtual: {patients: 4}\npretraining: {steps: 250}\n"
+CHANGES = "methods: [no_change, pinnochio]\nreference: pinnochio\nablation: []\n"
+CHANGES += "virtual: {patients: 4}\npretraining: {steps: 250}\n"
 CLUSTER = ["--workflow-profile", "profiles/slurm", "--cores", "2", "--slurm-status-command", "squeue"]
 CLUSTER += ["--slurm-init-seconds-before-status-checks", "2", "--seconds-between-status-checks", "2"]
 REGISTRY = "cohort: cases.tsv\nmethods: [no_change, fem_bonded]\nreference: fem_bonded\nablation: []\n"
