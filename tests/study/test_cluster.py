@@ -70,7 +70,8 @@ def test_the_quick_study_through_sbatch_with_a_job_killed(slurm, project, tmp_pa
     for job in listed:
         subprocess.run(["scancel", "--full", "--signal=KILL", job["JobId"]], check=True)
     assert run.wait() == 0, project.said[-3000:]
-    assert listed and "Error in rule pretrain" in project.said
+    said = "".join(path.read_text() for path in (project.folder / ".snakemake/log").glob("*.log"))
+    assert listed and "Error in rule pretrain" in project.said and "Trying to restart" in said
     logs = "".join(path.read_text() for path in (results / "logs/pretrain").glob("*.log"))
     assert "resumed at step" in logs
 
