@@ -12,7 +12,7 @@ TRADEOFF_CASES = (
     Column("case", str, "", "patient"),
     *SETTING,
     Column("nodes", int, "", "nodes of the mesh"),
-    *(BY_NAME[name] for name in ("seconds", "setup_seconds", "threads", "converged", "cd")),
+    *(BY_NAME[name] for name in ("seconds", "setup_seconds", "threads", "converged")),
     number("face_error", "mm", "mean distance of the judged face from the reference solution"),
     number("face_error_max", "mm", "largest of the judged face"),
     number("volume_error", "mm", "mean distance from the reference solution over the tissue's volume"),

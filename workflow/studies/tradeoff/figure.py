@@ -1,85 +1,132 @@
-"""Picture of the trade-off: every setting by seconds and error, six methods by name."""
+"""Picture of the trade-off: what a second brings a field nearer to the converged one, and a face to the outcome."""
 
 import os
+import textwrap
 from collections.abc import Sequence
 
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from pinnochio.figures.style import BAND, MEAN, PATIENT, add_grid, label_apart, name_line, save_figure, say
-from pinnochio.methods.names import BASELINE, FLOOR, in_sentence, written
+from pinnochio.figures.style import BAND, MEAN, PATIENT, add_grid, label_apart, name_line, save_figure
+from pinnochio.methods.names import BASELINE, CEILING, FLOOR, in_sentence, written
 from pinnochio.statistics.attainable import SMALLEST_N
 from studies.tradeoff.setting_columns import TRADEOFF
-from studies.tradeoff.table import as_studied
+from studies.tradeoff.settings import BASE
 
 COLUMNS = TRADEOFF
-STILL, NAMED = "no_change", 6
-LINES = {FLOOR: ":", BASELINE: "-", STILL: "--"}
-WANTED = ("fem_sliding", "pinnochio_plus", "pinnochio", "elastic", "fem_rlse", "acmt_pretrained")  # named first
+STILL = "no_change"
+LINES = {FLOOR: ":", CEILING: "-.", BASELINE: "-", STILL: "--"}
+WANTED = ("fem_sliding", "pinnochio_plus", "pinnochio", "elastic", "pca_linear", "fem_learned", "fem_rlse")
+WANTED += ("acmt_pretrained",)  # of the outcome, named
+JOINED = {"nodes": "-", "accuracy": "-", "corrections": "--"}  # parameters whose settings a line joins
 FASTEST = 1e-3  # s; what takes less is drawn here
 MARKS = (1e-3, 1e-2, 0.1, 1, 10, 100)  # s
+WIDTH = 62  # characters of a panel's message
 
 
 def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
     """Draw rows of TRADEOFF to every path; its ending says the format.
 
-    Six methods as in the study have names and, about their mean, the 95% interval of the paired difference to
-    BASELINE; the others and every changed setting are small marks. The band holds what is not told apart from BASELINE.
+    Left: settings by seconds and distance of the face from the reference, a parameter's joined by a line; a ring is the
+    first plan, with what the patient takes once. Right: methods as in the study and, about their mean, the 95% interval
+    of the paired difference to BASELINE.
     """
-    sound = frame[(frame["failed"] == 0) & frame["cd"].notna()]
-    base = sound[as_studied(sound)].set_index("method")
-    lines = base["cd"].reindex(LINES).dropna()
-    timed = sound[sound["seconds"].notna() & (sound["method"] != STILL)]
-    base = base.loc[base["seconds"].notna() & (base.index != STILL)]
-    order = [*(name for name in WANTED if name in base.index), *(name for name in base.index if name not in WANTED)]
-    shown = base.loc[order[:NAMED]]
-    ends = shown[["sliding_low", "sliding_high"]].sub(shown["sliding_difference"], axis=0).fillna(0)
-    ends = ends.add(shown["cd"], axis=0).assign(seconds=shown["seconds"].clip(lower=FASTEST))
-    bars = {written(name): (x, low, high) for name, low, high, x in ends.itertuples()}
-    figure = Figure(figsize=(7.5, 4.8), dpi=150, layout="constrained")
-    axes = figure.subplots()
-    for bar in bars.values():
-        axes.vlines(*bar, color=MEAN, linewidth=3, alpha=0.6)
-    for rows, style in (
-        (timed, {"marker": ".", "s": 34, "color": PATIENT}),
-        (shown, {"marker": "D", "s": 52, "color": MEAN, "zorder": 3}),
-    ):
-        axes.scatter(rows["seconds"].clip(lower=FASTEST), rows["cd"], **style)
-    tested = sound["n"].max() >= SMALLEST_N and sound["sliding_low"].notna().any()
-    if tested:
-        alike = timed.loc[(timed["sliding_low"] <= 0) & (timed["sliding_high"] >= 0), "cd"]
-        axes.axhspan(alike.min(), alike.max(), color=BAND, zorder=0, label=f"not told apart from {written(BASELINE)}")
-        axes.legend(frameon=False, loc="upper right", fontsize=10)
-    for name, value in lines.items():
-        name_line(axes, value, f"{written(name)} {value:.2f}", LINES[name])
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(FixedLocator(MARKS))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: _spoken(seconds)))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.margins(x=0.08)
-    axes.set_ylim(0, 1.08 * max(timed["cd"].max(), lines.max()))
-    axes.set_xlabel("one plan, warm (grey: other methods, and one setting changed)")
-    axes.set_ylabel("distance of prediction and outcome, mm (Chamfer)")
-    add_grid(axes)
-    say(figure, _message(base, int(sound["n"].max()), tested))
-    label_apart(axes, bars)
+    sound = frame[(frame["failed"] == 0) & frame["seconds"].notna()]
+    figure = Figure(figsize=(13, 5.4), dpi=120, layout="constrained")
+    left, right = figure.subplots(1, 2)
+    _draw_fields(left, sound[sound["face_error"] > 0])
+    _draw_outcomes(right, frame[frame["cd"].notna()].set_index("method"))
+    for axes in (left, right):
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(FixedLocator(MARKS))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: _spoken(seconds)))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.margins(x=0.08)
+        add_grid(axes)
     save_figure(figure, *paths)
 
 
-def _message(base: pd.DataFrame, patients: int, tested: bool) -> str:
-    """What the picture says, of the methods as in the study."""
-    if patients < SMALLEST_N or base.empty:
+def _draw_fields(axes: Axes, frame: pd.DataFrame) -> None:
+    """Settings that have a distance from the reference."""
+    bars, joined = {}, frame[frame["parameter"].isin(JOINED)]
+    for (method, parameter), rows in joined.groupby(["method", "parameter"], sort=False):
+        usual = frame[(frame["method"] == method) & frame["value"].str.endswith(BASE)]
+        line = pd.concat([rows, usual]).drop_duplicates().sort_values("seconds")
+        style = {"linestyle": JOINED[parameter], "linewidth": 4 if parameter == "accuracy" else 1.2, "zorder": 3}
+        axes.plot(line["seconds"].clip(lower=FASTEST), line["face_error"], color=MEAN, marker=".", **style)
+        for _, row in usual.iterrows():
+            first = row["seconds"] + row["setup_seconds"]
+            axes.plot([row["seconds"], first], [row["face_error"]] * 2, color=PATIENT, linestyle=":", zorder=1)
+            axes.plot(first, row["face_error"], "o", color=PATIENT, markerfacecolor="white", zorder=2)
+            bars[written(method)] = (max(row["seconds"], FASTEST), row["face_error"], row["face_error"])
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda distance, _: f"{distance:g}"))
+    axes.yaxis.set_minor_formatter(FuncFormatter(lambda distance, _: f"{distance:g}"))
+    axes.set_xlabel(
+        "one plan, warm (ring: the first one, with the patient's factors)\nthin: nodes, thick: accuracy, dashed: corrections"
+    )
+    axes.set_ylabel("face: mean distance from the converged fine field, mm")
+    _say(axes, _of_mesh(frame))
+    axes.set_xlim(FASTEST / 2)
+    label_apart(axes, bars)
+
+
+def _draw_outcomes(axes: Axes, studied: pd.DataFrame) -> None:
+    """Rows by method that have a distance to the outcome."""
+    for name, value in studied["cd"].reindex(LINES).dropna().items():
+        name_line(axes, value, f"{written(name)} {value:.2f}", LINES[name])
+    timed = studied[studied["seconds"].notna() & (studied["failed"] == 0) & (studied.index != STILL)]
+    seconds = timed["seconds"].clip(lower=FASTEST)
+    tested = studied["n"].max() >= SMALLEST_N and timed["sliding_low"].notna().any()
+    ends = timed[["sliding_low", "sliding_high"]].sub(timed["sliding_difference"], axis=0).fillna(0)
+    ends = ends.add(timed["cd"], axis=0)
+    axes.vlines(seconds, ends["sliding_low"], ends["sliding_high"], color=MEAN, linewidth=3, alpha=0.5)
+    axes.scatter(seconds, timed["cd"], marker="D", s=30, color=MEAN, zorder=3)
+    if tested:
+        alike = timed.loc[(timed["sliding_low"] <= 0) & (timed["sliding_high"] >= 0), "cd"]
+        axes.axhspan(alike.min(), alike.max(), color=BAND, zorder=0, label=f"not told apart from {written(BASELINE)}")
+        axes.legend(frameon=False, loc="upper right", fontsize=9)
+    axes.set_ylim(0, 1.08 * studied["cd"].max())
+    axes.set_xlabel("one plan, warm, as the study timed it")
+    axes.set_ylabel("distance of prediction and outcome, mm (Chamfer)")
+    _say(axes, _of_outcome(timed, int(studied["n"].max()), tested))
+    named = [name for name in WANTED if name in timed.index]
+    label_apart(axes, {written(name): (seconds[name], *ends.loc[name]) for name in named})
+
+
+def _say(axes: Axes, message: str) -> None:
+    axes.set_title(textwrap.fill(message, WIDTH), loc="left", fontsize=11, weight="bold")
+
+
+def _of_mesh(frame: pd.DataFrame) -> str:
+    """What mesh and accuracy change of the face by sliding finite elements."""
+    spans = {
+        parameter: rows["face_error"].max() - rows["face_error"].min()
+        for parameter, rows in frame[frame["method"] == BASELINE].groupby("parameter")
+    }
+    if not {"nodes", "accuracy"} <= set(spans):
+        return "How near a field comes to the converged one"
+    return (
+        f"The mesh decides how near a field comes: nodes change {in_sentence(BASELINE)} by {spans['nodes']:.2f} mm, "
+        f"accuracy by {spans['accuracy']:.1g} mm"
+    )
+
+
+def _of_outcome(timed: pd.DataFrame, patients: int, tested: bool) -> str:
+    """What the methods' distances to the outcome say."""
+    if patients < SMALLEST_N or timed.empty:
         return f"A demonstration: {patients} patients do not tell methods apart"
-    best = base.loc[base["cd"].idxmin()]
+    best = timed.loc[timed["cd"].idxmin()]
 
     def said(row) -> str:
         return f"{row['cd']:.2f} mm in {_spoken(row['seconds'])}"
 
     text = f"{written(best.name)} comes nearest over {patients} patients: {said(best)}"
-    if BASELINE not in base.index or best.name == BASELINE:
+    if BASELINE not in timed.index or best.name == BASELINE:
         return text
-    text += f"; {in_sentence(BASELINE)} has {said(base.loc[BASELINE])}"
+    text += f"; {in_sentence(BASELINE)} has {said(timed.loc[BASELINE])}"
     if not tested:
         return f"{text}, not tested"
     return text + (", not told apart" if best["sliding_high"] >= 0 else ", told apart")

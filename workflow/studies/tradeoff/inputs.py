@@ -5,23 +5,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from pinnochio.errors import InputError
-from pinnochio.methods.names import FLOOR
 from pinnochio.methods.registry import Method
 from studies.tradeoff.settings import VARIED, Setting, fem_settings, network_settings
 
-FAMILIES = ("fem", "networks", "study")
+FAMILIES = ("fem", "networks")
 
 
 @dataclass(frozen=True)
 class Tradeoff:
     """config: of the study; judged: its patients with a scan, fold after fold; registry: every method by its name;
-    compared, bounds: of the study; variants: settings of every graph network."""
+    variants: settings of every graph network."""
 
     config: Mapping
     judged: Sequence[str]
     registry: Mapping[str, Method]
-    compared: Sequence[str]
-    bounds: Sequence[str]
     variants: Mapping[str, Mapping]
 
     @property
@@ -37,13 +34,6 @@ class Tradeoff:
     def networks(self) -> list[str]:
         """Those that are varied."""
         return self.section["networks"] if self.cases else []
-
-    @cached_property
-    def fixed(self) -> list[str]:
-        """Methods that are taken as the study predicts by them, for nothing of them is varied; last the noise of the
-        scan, which is no method: a line of the picture."""
-        names = [name for name in self.compared if name not in (*VARIED, *self.networks)]
-        return [*names, *(name for name in self.bounds if name == FLOOR)]
 
     @cached_property
     def sizes(self) -> list[int]:

@@ -7,9 +7,7 @@ from dataclasses import replace
 from pinnochio.columns import write_rows
 from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import write_predictions
 from pinnochio.plans.plan import Plan
 from studies.tradeoff.cases import TRADEOFF_CASES
@@ -23,8 +21,6 @@ def measure_fem(
     case: str,
     models: Mapping[int, str],
     plan: str,
-    postop: str,
-    judged: str,
     settings: Sequence[Setting],
     nodes: int,
     fem: FemSettings,
@@ -38,12 +34,11 @@ def measure_fem(
     the rows have no distance from it.
     """
     patients = {size: PatientModel.read(path) for size, path in models.items()}
-    motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
+    motion, solution, judgements = Plan.read(plan, case), None, []
     predict_fem(settings[1], patients[nodes], motion, fem, threads)
     predict_fem(settings[0], patients[nodes], motion, fem, threads)
     newton = replace(fem, time_limit=BEFOREHAND, kept_factors=False)
     predict_fem(settings[0], patients[nodes], motion, newton, threads)
-    samples, solution, judgements = Judged.read(judged), None, []
     for number, setting in enumerate(settings):
         # The reference, first of all, is given the work that it needs.
         limit = fem.max_systems if number else 20 * fem.max_systems
@@ -54,7 +49,7 @@ def measure_fem(
             solution = Reference.of(patient, prediction)
             if solution is None:
                 logging.warning("the reference did not converge: %s", prediction.reason)
-        judgements.append(judge(setting, case, patient, prediction, target, samples, solution, fem))
+        judgements.append(judge(setting, case, patient, prediction, solution, fem))
         logging.info("%(method)s, %(parameter)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
     write_rows(judgements, rows, TRADEOFF_CASES)
 
@@ -64,7 +59,7 @@ if __name__ == "__main__":
     measure_fem(
         case=snakemake.wildcards.case,
         models=dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
-        **{name: snakemake.input[name] for name in ("plan", "postop", "judged")},
+        plan=snakemake.input.plan,
         settings=[Setting(**values) for values in snakemake.params.settings],
         nodes=snakemake.params.nodes,
         fem=FemSettings(**snakemake.params.fem),

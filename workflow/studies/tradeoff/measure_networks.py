@@ -8,9 +8,7 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.lift import Lift
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.methods.protocol import Planned
-from pinnochio.metrics.judged import Judged
 from pinnochio.model.patient import PatientModel
-from pinnochio.model.postop import PostopSkin
 from pinnochio.model.predictions import read_prediction
 from pinnochio.plans.plan import Plan
 from pinnochio.training.device import choose_device
@@ -27,8 +25,6 @@ def measure_networks(
     models: Mapping[int, str],
     lifts: Mapping[tuple[str, int], str],
     plan: str,
-    postop: str,
-    judged: str,
     reference: tuple[str, int],
     fem: FemSettings,
     device: str,
@@ -41,8 +37,7 @@ def measure_networks(
     reference: its file, and the nodes of its mesh.
     """
     patients = {size: PatientModel.read(path) for size, path in models.items()}
-    motion, target = Plan.read(plan, case), PostopSkin.read(postop).surface
-    samples = Judged.read(judged)
+    motion = Plan.read(plan, case)
     solution = Reference.of(patients[reference[1]], read_prediction(reference[0], case))
     judgements = []
     for setting in settings:
@@ -50,7 +45,7 @@ def measure_networks(
         lift = None if kind == "none" else Lift.read(lifts[kind, setting.nodes])
         planned = Planned(case, patient, motion, lift)
         prediction = predict_network(setting, networks[setting.method], planned, fem, device, threads)
-        judgements.append(judge(setting, case, patient, prediction, target, samples, solution, fem))
+        judgements.append(judge(setting, case, patient, prediction, solution, fem))
         logging.info("%(method)s, %(parameter)s %(value)s: %(seconds).3f s, %(face_error).3f mm", judgements[-1])
     write_rows(judgements, rows, TRADEOFF_CASES)
 
@@ -64,7 +59,7 @@ if __name__ == "__main__":
         kinds=snakemake.params.kinds,
         models=dict(zip(snakemake.params.sizes, snakemake.input.models, strict=True)),
         lifts=dict(zip(snakemake.params.lifts, snakemake.input.lifts, strict=True)),
-        **{name: snakemake.input[name] for name in ("plan", "postop", "judged")},
+        plan=snakemake.input.plan,
         reference=(snakemake.input.reference, snakemake.params.reference_nodes),
         fem=FemSettings(**snakemake.params.fem),
         device=choose_device(snakemake.resources.gpu, snakemake.threads),

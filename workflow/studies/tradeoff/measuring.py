@@ -1,4 +1,4 @@
-"""One setting on one patient: seconds, and how far the field is from the outcome and from the reference."""
+"""One setting on one patient: seconds, and how far the field is from the reference."""
 
 import os
 from dataclasses import asdict, dataclass, replace
@@ -12,8 +12,6 @@ from pinnochio.mechanics.simulation import Simulator
 from pinnochio.methods.elastic import linear_field
 from pinnochio.methods.pinnochio.predictor import GraphPredictor
 from pinnochio.methods.protocol import Planned
-from pinnochio.metrics.chamfer import surface_metrics
-from pinnochio.metrics.judged import Judged
 from pinnochio.metrics.validity import equilibrium_of, volume_metrics
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction
@@ -57,26 +55,21 @@ def judge(
     case: str,
     patient: PatientModel,
     prediction: Prediction,
-    target: tuple[np.ndarray, np.ndarray],
-    judged: Judged,
     reference: Reference | None,
     fem: FemSettings,
 ) -> dict:
     """One row of :data:`~studies.tradeoff.cases.TRADEOFF_CASES`; a field that is not finite has no metrics.
 
-    target: points and faces of the registered post-operative skin; judged: where; fem: of the study, whose residual is
-    reported. Without a reference there is no distance from it.
+    fem: of the study, whose residual is reported. Without a reference there is no distance from it.
     """
     row = {"case": case, "method": setting.method, "parameter": setting.parameter, "value": setting.value}
     row |= {"nodes": len(patient.points), "converged": prediction.converged}
     row |= {"seconds": prediction.seconds, "setup_seconds": prediction.setup_seconds, "threads": prediction.threads}
     u, moved = prediction.displacement, prediction.moved_skin(patient)
-    row |= dict.fromkeys(("cd", "face_error", "face_error_max"), np.nan)
+    row |= dict.fromkeys(("face_error", "face_error_max"), np.nan)
     row |= dict.fromkeys(("volume_error", "eqres_rel", "min_jacobian", "inverted"), np.nan)
     if not np.isfinite(moved).all():
         return row | {"converged": False}
-    skin = judged.before(patient).carried(moved)
-    row["cd"] = surface_metrics(moved, patient.skin_faces, skin, *target, judged.target)["cd"]
     if reference is not None:
         errors = reference.face_errors(patient, moved)
         row |= {"face_error": errors.mean(), "face_error_max": errors.max()}

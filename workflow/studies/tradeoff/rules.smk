@@ -7,11 +7,8 @@ TRADED = Tradeoff(
     config=config,
     judged=[case for fold in STUDY.folds.held_out for case in STUDY.folds.judged(fold)],
     registry=STUDY.methods.registry,
-    compared=STUDY.methods.compared,
-    bounds=STUDY.methods.bounds,
     variants=NETWORKS,
 )
-TRADED_CASES = {"cases": "<results>/tables/tradeoff_cases.csv"}
 add_table(
     "tradeoff_cases",
     "studies.tradeoff.cases",
@@ -23,9 +20,12 @@ add_table(
     "tradeoff",
     "studies.tradeoff.table",
     title="Seconds against accuracy",
-    caption="What a second of computing buys: every method with one setting changed at a time, on held-out patients of the first fold.",
+    caption="What a second of computing buys: methods with one setting changed at a time, on held-out patients of the first fold, and against the outcome as in the study.",
     figure="studies.tradeoff.figure",
-    files=TRADED_CASES,
+    files={
+        "cases": "<results>/tables/tradeoff_cases.csv",
+        "judged": JUDGED["cases"],
+    },
     arguments=NAMED,
 )
 
@@ -35,8 +35,6 @@ rule measure_fem:
     input:
         models=[STUDY.sized(nodes, "model.h5") for nodes in TRADED.sizes],
         plan=INPUTS.patient.motion,
-        postop="<results>/cases/{case}/postop.h5",
-        judged="<results>/cases/{case}/judged.h5",
     output:
         rows="<results>/tradeoff/{case}/fem.csv",
         reference="<results>/tradeoff/{case}/reference.h5",
@@ -72,8 +70,6 @@ rule measure_networks:
         models=[STUDY.sized(nodes, "model.h5") for nodes in TRADED.sizes],
         lifts=[STUDY.sized(nodes, f"lift_{kind}.h5") for kind, nodes in TRADED.lifts],
         plan=INPUTS.patient.motion,
-        postop="<results>/cases/{case}/postop.h5",
-        judged="<results>/cases/{case}/judged.h5",
         reference="<results>/tradeoff/{case}/reference.h5",
     output:
         rows="<results>/tradeoff/{case}/networks.csv",
@@ -103,41 +99,6 @@ rule measure_networks:
         "Predict {wildcards.case} along the parameters of the networks"
     script:
         "measure_networks.py"
-
-
-rule measure_study:
-    input:
-        predictions=lambda wildcards: expand(
-            "<results>/folds/{fold}/{method}/predictions.h5",
-            fold=STUDY.folds.by_case[wildcards.case],
-            method=TRADED.fixed,
-        ),
-        models=lambda wildcards: [
-            STUDY.model_of(wildcards.case, method) for method in TRADED.fixed
-        ],
-        postop="<results>/cases/{case}/postop.h5",
-        judged="<results>/cases/{case}/judged.h5",
-        reference="<results>/tradeoff/{case}/reference.h5",
-        reference_model=STUDY.sized(config["tradeoff"]["reference"], "model.h5"),
-    output:
-        rows="<results>/tradeoff/{case}/study.csv",
-    log:
-        "<logs>/measure_study/{case}.log",
-    benchmark:
-        "<benchmarks>/measure_study/{case}.tsv"
-    conda:
-        "../../../envs/pinnochio.yaml"
-    resources:
-        mem_mb=4000,
-        runtime=20,
-    params:
-        methods=TRADED.fixed,
-        fem=config["fem"],
-        code=code_of("studies.tradeoff.measure_study"),
-    message:
-        "Judge the study's other predictions of {wildcards.case}"
-    script:
-        "measure_study.py"
 
 
 rule tradeoff:

@@ -16,7 +16,7 @@ TRADEOFF = (
     number("seconds", "s", "one plan, warm: mean of patients' medians"),
     number("seconds_max", "s", "largest of the patients' medians"),
     number("setup_seconds", "s", "mean preparation of a patient beside the mesh"),
-    number("cd", "mm", "mean Chamfer distance to the outcome"),
+    number("cd", "mm", "mean Chamfer distance to the outcome, as the study judged it"),
     number("cd_sd", "mm", "standard deviation of cd"),
     *AGAINST_BASELINE,
     number("face_error", "mm", "mean distance of the judged face from the reference solution"),

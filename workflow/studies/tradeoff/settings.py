@@ -43,7 +43,6 @@ def fem_settings(nodes: int, config: Mapping, contacts: Mapping[str, str]) -> li
         settings += setting(method, "nodes", f"{nodes}, {BASE}")
         for size in config["nodes"]:
             settings += setting(method, "nodes", str(size), size) if size != nodes else []
-    settings.append(Setting("fem_lips", "arm", "mucosa+lip", nodes, "mucosa+lip"))
     for method in VARIED:
         settings += setting(method, "element", "p1", fem={"volumetric": "p1"})
         for accuracy in config["accuracies"]:

@@ -7,6 +7,7 @@ import pandas as pd
 
 from pinnochio.columns import check, read_table
 from pinnochio.methods.names import BASELINE
+from pinnochio.metrics.case_columns import CASES
 from pinnochio.seeds import derive_seed
 from pinnochio.tables.comparison import against_baseline
 from pinnochio.tables.document import Block, Table, View, views
@@ -19,24 +20,37 @@ ERRORS = {"cd": "the outcome", "face_error": "the reference solution"}
 LIMITS = (0.1, 1.0, 10.0)  # s
 
 
-def summarise(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row of TRADEOFF per setting, in the order of their first appearance, of rows of TRADEOFF_CASES."""
-    rows = check(rows, TRADEOFF_CASES)
-    summaries, baseline = [], rows[(rows["method"] == BASELINE) & as_studied(rows)]
-    for key, group in rows.groupby([column.name for column in SETTING], sort=False):
-        row = dict(zip((column.name for column in SETTING), key, strict=True))
+def summarise(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.DataFrame:
+    """One row of TRADEOFF per setting of rows of TRADEOFF_CASES, in the order of their first appearance, then one per
+    other method of `outcomes`, rows of CASES: what the study judged against the outcome stands in the rows of its
+    settings."""
+    judged, summaries = against_outcome(outcomes), []
+    for key, group in check(rows, TRADEOFF_CASES).groupby([column.name for column in SETTING], sort=False):
+        row = {column.name: word for column, word in zip(SETTING, key, strict=True)}
+        if row["value"].endswith(BASE):
+            row = judged.pop(row["method"], {}) | row
         row |= {"n": len(group), "failed": int((~group["converged"]).sum())}
-        names = ("nodes", "seconds", "setup_seconds", "cd", "face_error", "volume_error", "eqres_rel")
+        names = ("nodes", "seconds", "setup_seconds", "face_error", "volume_error", "eqres_rel")
         row |= {name: group[name].mean() for name in names}
-        row |= {"seconds_max": group["seconds"].max(), "cd_sd": group["cd"].std(), "inverted": group["inverted"].sum()}
-        row |= against_baseline(group[group["seconds"].notna()], baseline, derive_seed(0, "bootstrap", "/".join(key)))
+        row |= {"seconds_max": group["seconds"].max(), "inverted": group["inverted"].sum()}
         row |= {"face_error_max": group["face_error_max"].max(), "min_jacobian": group["min_jacobian"].min()}
         summaries.append(row)
-    frame = pd.DataFrame(summaries)
-    frame.loc[frame["min_jacobian"].isna(), "inverted"] = np.nan
+    frame = pd.DataFrame([*summaries, *judged.values()], columns=[column.name for column in TRADEOFF])
     for error, column in FRONTS.items():
         frame[column] = pareto(frame["seconds"], frame[error].where((frame["failed"] == 0) & frame["seconds"].notna()))
     return check(frame, TRADEOFF)
+
+
+def against_outcome(outcomes: pd.DataFrame) -> dict[str, dict]:
+    """Cells of TRADEOFF by method, of rows of CASES: as the study predicted, judged and timed."""
+    baseline, cells = outcomes[outcomes["method"] == BASELINE], {}
+    for method, group in outcomes.groupby("method", sort=False):
+        row = {"method": method, "parameter": "none", "value": BASE, "n": len(group)}
+        row |= {"failed": int(group["cd"].isna().sum()), "cd": group["cd"].mean(), "cd_sd": group["cd"].std()}
+        row |= {"seconds": group["seconds"].mean(), "seconds_max": group["seconds"].max()}
+        row["setup_seconds"] = group["setup_seconds"].mean()
+        cells[method] = row | against_baseline(group, baseline, derive_seed(0, "bootstrap", method))
+    return cells
 
 
 def pareto(seconds, errors) -> np.ndarray:
@@ -51,20 +65,15 @@ def pareto(seconds, errors) -> np.ndarray:
 
 def answers(frame: pd.DataFrame, cohort: str) -> list[str]:
     """Paragraphs on rows of TRADEOFF: the best under each of LIMITS, and what did not converge."""
-    sound = frame[(frame["failed"] == 0) & frame[["cd", "seconds"]].notna().all(axis=1)]
+    sound = frame[(frame["failed"] == 0) & frame["seconds"].notna()]
     under = [(f"{limit:g} s", sound[sound["seconds"] < limit]) for limit in LIMITS]
-    pairs = [(*one, *error) for one in under if len(one[1]) for error in ERRORS.items()]
+    pairs = [(*one, *error) for one in under for error in ERRORS.items() if one[1][error[0]].notna().any()]
     best = [f"under {limit} {_best(fast, error)} is nearest to {what}" for limit, fast, error, what in pairs]
     failed = [f"{named(row)} ({row['failed']} of {row['n']})" for _, row in frame[frame["failed"] > 0].iterrows()]
     return [
-        f"Best per plan, {cohort}, n = {frame['n'].max()} patients: {'; '.join(best) or 'nothing is so fast'}.",
+        f"Best per plan, {cohort}: {'; '.join(best) or 'nothing is so fast'}.",
         f"Not converged on every patient, and so on no Pareto front: {'; '.join(failed) or 'nothing'}.",
     ]
-
-
-def as_studied(rows: pd.DataFrame) -> pd.Series:
-    """Which rows have a method as the study predicts by it."""
-    return rows["value"].str.endswith(BASE)
 
 
 def named(row) -> str:
@@ -83,10 +92,10 @@ def _fronts(row) -> str:
     return " ".join(word for word, column in (("CD", "front_outcome"), ("face", "front_reference")) if row[column])
 
 
-def tabulate(cases: str | os.PathLike, cohort: str) -> Table:
-    """The rows of tradeoff_cases.csv by setting."""
+def tabulate(cases: str | os.PathLike, judged: str | os.PathLike, cohort: str) -> Table:
+    """The rows of tradeoff_cases.csv by setting, and of the study's cases.csv by method."""
     rows = read_table(cases, TRADEOFF_CASES)
-    frame = summarise(rows)
+    frame = summarise(rows, read_table(judged, CASES))
     missing = sorted(rows["case"][rows.groupby("case")["face_error"].transform("count") == 0].unique())
     headers = {
         "method": "Method",
@@ -105,11 +114,11 @@ def tabulate(cases: str | os.PathLike, cohort: str) -> Table:
     }
     view = [*views(TRADEOFF, headers, {"seconds": -1, "cd": -1}), View("Pareto front", _fronts)]
     caption = (
-        f"Seconds against accuracy, {cohort}, n = {frame['n'].max()} held-out patients. Seconds: one plan, warm, "
+        f"Seconds against accuracy, {cohort}, n = {rows['case'].nunique()} held-out patients. Seconds: one plan, warm, "
         "nothing else running (no parameter: as in the study, with other jobs beside it); set-up: what the patient "
-        "takes beside the mesh. CD: Chamfer distance to the outcome. Face, volume: distance from the reference "
-        "solution, sliding finite elements on the finest mesh. EqRes: residual of the study's elements. Pareto front: "
-        "nothing is faster and nearer to the outcome (CD) or the reference (face)."
+        "takes beside the mesh. CD: Chamfer distance to the outcome, of all patients of the study. Face, volume: "
+        "distance from the reference solution, sliding finite elements on the finest mesh. EqRes: residual of the "
+        "study's elements. Pareto front: nothing is faster and nearer to the outcome (CD) or the reference (face)."
     )
     said = answers(frame, cohort)
     if missing:
