@@ -65,7 +65,7 @@ def _draw_fields(axes: Axes, frame: pd.DataFrame) -> None:
     axes.yaxis.set_major_formatter(FuncFormatter(lambda distance, _: f"{distance:g}"))
     axes.yaxis.set_minor_formatter(FuncFormatter(lambda distance, _: f"{distance:g}"))
     axes.set_xlabel(
-        "one plan, warm (ring: the first one, with the patient's factors)\nthin: nodes, thick: accuracy, dashed: corrections"
+        "one plan, warm (ring: the first one, with factors)\nthin: nodes, thick: accuracy, dashed: corrections"
     )
     axes.set_ylabel("face: mean distance from the converged fine field, mm")
     _say(axes, _of_mesh(frame))
