@@ -189,13 +189,8 @@ def test_table_and_pictures_are_written(tmp_path):
     paths = {name: tmp_path / f"{name}.csv" for name in ("tradeoff_cases", "tradeoff")}
     cohort = {"cohort": "virtual cohort"}
     make(paths["tradeoff_cases"], "studies.tradeoff.cases", rows=[tmp_path / "rows.csv"], **cohort)
-    make(
-        paths["tradeoff"],
-        "studies.tradeoff.table",
-        cases=paths["tradeoff_cases"],
-        judged=tmp_path / "judged.csv",
-        **cohort,
-    )
+    cohort |= {"judged": tmp_path / "judged.csv"}
+    make(paths["tradeoff"], "studies.tradeoff.table", cases=paths["tradeoff_cases"], **cohort)
     text = (tmp_path / "tradeoff.md").read_text()
     assert "virtual cohort, n = 3 held-out patients" in text
     draw(summarise(rows(), outcomes()), [tmp_path / "a.png", tmp_path / "a.svg"])
@@ -206,11 +201,8 @@ def test_table_and_pictures_are_written(tmp_path):
 def test_the_picture_says_what_mesh_and_accuracy_change_and_what_differs_from_sliding(tmp_path):
     """Patients differ more than methods do: only pairs tell these apart."""
     named = [("fem_sliding", "nodes", f"5000, {BASE}", 1.0, 0.2), ("fem_sliding", "nodes", "20000", 4.0, 0.1)]
-    named += [
-        ("fem_sliding", "accuracy", "0.5", 0.6, 0.205),
-        ("fem_sliding", "accuracy", "exact", 1.1, 0.2),
-        ("elastic", "nodes", f"5000, {BASE}", 0.005, 0.3),
-    ]
+    named += [("fem_sliding", "accuracy", value, 0.8, face) for value, face in (("0.5", 0.205), ("exact", 0.2))]
+    named += [("elastic", "nodes", f"5000, {BASE}", 0.005, 0.3)]
     measured, judged = [], []
     for number in range(8):
         for method, parameter, value, seconds, face in named:
