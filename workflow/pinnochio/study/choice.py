@@ -9,7 +9,6 @@ from pinnochio.errors import InputError
 from pinnochio.manifest import MANIFEST
 from pinnochio.methods.registry import BUILT_IN
 from pinnochio.overlays import overlaid
-from pinnochio.patients.front import FRONT
 from pinnochio.patients.model_archive import FALLBACK, RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
 
 WITHOUT_MODELS = [method.name for method in BUILT_IN if method.new_patients and method.trains == "no"]
@@ -43,6 +42,8 @@ class Choice:
     def files(self) -> list[str]:
         """What a certificate reads of the archive, or the choice by seconds of the front."""
         if self.seconds:
+            from pinnochio.patients.front import FRONT  # half a second, which other choices are spared
+
             return [str(FRONT)]
         if not self.folder:
             return []
