@@ -96,6 +96,7 @@ def predict_patient(patient: Patient, folder: str, inputs: RuleInputs) -> tuple[
         if ensemble.networks:
             Thread(target=import_module, args=["torch"]).start()  # a second beside the mesh
     modelling(outputs={"mesh": files["mesh"]})
+    resolve(PLAN)  # imported while the process beside this one is at work
     others.result()
     table = {"table": f"{folder}/imported.csv"}
     Stages(f"{folder}/.check.json")(CHECK, {"reports": [imported["report"]]}, table, {"cases": [job.case]})
