@@ -12,7 +12,7 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import RESEARCH, interval_measures, measures, of_import, plain, verdict
 from pinnochio.patients.in_distribution import widening
 from pinnochio.patients.model_archive import Archive, calibration_file
-from pinnochio.patients.result import read_result, read_solution
+from pinnochio.patients.result import read_patient, read_result, read_solution
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration
 
@@ -33,16 +33,15 @@ def certify(
     about: case, plan (its name), method, corrections, code; whose place it takes (`instead_of`) and why (`because`).
     folder: the archive of a learned method, else None; compared: how patient and plan lie to its training.
     """
-    patient, planned = PatientModel.read(model), Plan.read(plan, about["case"])
+    patient, planned = read_patient(model), Plan.read(plan, about["case"])
     prediction = read_result(result, about["case"], patient)
-    solution = read_solution(result, about["case"])
     content = {
         "research": RESEARCH,
         **about,
         "frame": "LPS",
         "units": "mm",
         "models": None,
-        "solution": asdict(solution),
+        "solution": asdict(read_solution(result, about["case"])),
         "measures": measures(patient, planned, prediction.displacement, fem, prediction.forces)
         | {"apart_mm": from_elasticity(patient, planned, prediction.displacement, fem)},
         "interval": None,

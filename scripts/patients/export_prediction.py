@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pinnochio.model.labels import segment_name
-from pinnochio.model.patient import PatientModel
 from pinnochio.patients.exports import write_mesh, write_skin, write_surface
-from pinnochio.patients.result import read_result
+from pinnochio.patients.result import read_patient, read_result
 from pinnochio.plans.plan import Plan
 
 
@@ -14,7 +13,7 @@ def export_prediction(
     case: str, model: str, plan: str, result: str, mesh: str, skin: Sequence[str], bones: str
 ) -> None:
     """Write the mesh (VTU), the skin in its formats (VTP, PLY, STL) and {bone}.stl into the folder bones, LPS mm."""
-    patient, planned = PatientModel.read(model), Plan.read(plan, case)
+    patient, planned = read_patient(model), Plan.read(plan, case)
     prediction = read_result(result, case, patient)
     write_mesh(patient, prediction.displacement, mesh)
     write_skin(

@@ -11,12 +11,11 @@ from pinnochio.logs import attach_log
 from pinnochio.mechanics.settings import FemSettings
 from pinnochio.mechanics.solvers.inversion_repair import Repair
 from pinnochio.metrics.validity import OFF_BONE
-from pinnochio.model.patient import PatientModel
 from pinnochio.patients.certificate import astray, in_distribution
 from pinnochio.patients.front import within
 from pinnochio.patients.in_distribution import Ranges, widening
 from pinnochio.patients.model_archive import FALLBACK, RANGES, calibration_file
-from pinnochio.patients.result import of_ensemble
+from pinnochio.patients.result import of_ensemble, read_patient
 from pinnochio.plans.plan import Plan
 from pinnochio.stages import Stages
 from pinnochio.statistics.intervals import read_ensemble
@@ -44,7 +43,7 @@ def predict_plan(
     outputs: Mapping[str, str | Sequence[str]],
     seconds: float | None = None,
 ) -> None:
-    """Run the stages: prediction (with its interval, of networks), certificate; beside them pictures, files and page.
+    """Run the stages: prediction (with its interval, of networks), certificate; beside them pictures, page and files.
 
     Finite elements predict in the networks' place, where the archive says how near these come, a patient or plan unlike
     the training, and one whose tissue the networks tear.
@@ -58,7 +57,7 @@ def predict_plan(
     case, result = about["case"], outputs["result"]
     named, calibrated = {"case": case}, {}
     if seconds:
-        best = within(seconds, PatientModel.read(planned["model"]), Plan.read(planned["plan"], case), fem)
+        best = within(seconds, read_patient(planned["model"]), Plan.read(planned["plan"], case), fem)
         print(best.words, flush=True)
         fem = replace(fem, accuracy=best.accuracy or fem.accuracy)
         method = {**method, **others[best.method]}
@@ -94,12 +93,12 @@ def predict_plan(
             stages(INTERVAL, read, {"result": result}, {**named, "fem": fem, "widening": widening(compared)})
         read = {**planned, "result": result}
         begun.append(begin(DRAW, read, {"pictures": drawn[1]}, named))
-        begun.append(begin(EXPORT, read, {name: outputs[name] for name in ("mesh", "skin", "bones")}, named))
         certificate = {"certificate": outputs["certificate"]}
         settings = {"about": about, "fem": fem, "compared": compared}
         stages(CERTIFY, {**read, "quality": quality, "folder": archive}, certificate, settings)
         made = {name: outputs[name] for name in ("measures", "page")}
         begun.append(begin(SHOW, {**read, **certificate, **calibrated, "drawn": drawn}, made, named))
+        begun.append(begin(EXPORT, read, {name: outputs[name] for name in ("mesh", "skin", "bones")}, named))
         for each in begun:
             each.result()
 
@@ -107,14 +106,13 @@ def predict_plan(
 def torn(case: str, ensemble: str, model: str, plan: str) -> bool:
     """Whether a field was scaled to keep its elements upright, or the mean one takes tissue off its bone."""
     damping = of_ensemble(ensemble, Repair(raw_least=1.0, raw_inverted=0, least=1.0)).damping
-    away = astray(PatientModel.read(model), Plan.read(plan, case), read_ensemble(ensemble).mean(axis=0))
+    away = astray(read_patient(model), Plan.read(plan, case), read_ensemble(ensemble).mean(axis=0))
     return damping < 1 or away > OFF_BONE
 
 
 def compare(case: str, model: str, plan: str, quality: str, ranges: str) -> dict:
     """How patient and plan lie to those of the training, as :func:`in_distribution` says it."""
-    patient, planned, known = PatientModel.read(model), Plan.read(plan, case), Ranges.read(ranges)
-    return in_distribution(patient, planned, read_stored_json(quality), known)
+    return in_distribution(read_patient(model), Plan.read(plan, case), read_stored_json(quality), Ranges.read(ranges))
 
 
 if __name__ == "__main__":

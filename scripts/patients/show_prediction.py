@@ -3,17 +3,16 @@
 from collections.abc import Sequence
 
 from pinnochio.json_text import read_stored_json, write_json
-from pinnochio.model.patient import PatientModel
 from pinnochio.patients.face_measures import read_face, unknown_rows, write_face
 from pinnochio.patients.prediction_page import draw_bones, draw_faces, write_page
-from pinnochio.patients.result import read_result
+from pinnochio.patients.result import read_patient, read_result
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration
 
 
 def draw(case: str, model: str, plan: str, pictures: str, result: str | None = None) -> None:
     """Draw faces and maps of a result; without one the bones after the plan, which no prediction moves."""
-    patient, planned = PatientModel.read(model), Plan.read(plan, case)
+    patient, planned = read_patient(model), Plan.read(plan, case)
     known = read_result(result, case, patient) if result else None
     write_json(pictures, draw_faces(patient, planned, known) if known else draw_bones(patient, planned))
 
@@ -33,9 +32,8 @@ def show_prediction(
 
     drawn: files of :func:`draw`; calibration: that of the interval, empty of a result that is none.
     """
-    patient = PatientModel.read(model)
-    prediction = read_result(result, case, patient)
-    planned, face = Plan.read(plan, case), read_face(patient)
+    patient, planned = read_patient(model), Plan.read(plan, case)
+    prediction, face = read_result(result, case, patient), read_face(patient)
     rows, tracing = unknown_rows(), ""
     if face:
         known = (prediction, Calibration.read(calibration)) if calibration else ()

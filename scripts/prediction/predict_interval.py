@@ -6,8 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from pinnochio.mechanics.settings import FemSettings
-from pinnochio.model.patient import PatientModel
-from pinnochio.patients.result import of_ensemble
+from pinnochio.patients.result import of_ensemble, read_patient
 from pinnochio.statistics.intervals import Calibration, read_ensemble, read_load, repaired_interval, widened
 
 
@@ -18,7 +17,7 @@ def predict_interval(
 
     widening: how many times it is wider, because patient or plan lies beyond the ranges of the training.
     """
-    patient, calibrated = PatientModel.read(model), Calibration.read(calibration)
+    patient, calibrated = read_patient(model), Calibration.read(calibration)
     interval, repair = repaired_interval(
         patient=patient, displacements=read_ensemble(ensemble), calibration=calibrated, fem=fem
     )

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from pinnochio.model.patient import PatientModel
 from pinnochio.model.predictions import Prediction, read_prediction
 from pinnochio.model.regions import NOT_JUDGED
 from pinnochio.statistics.intervals import Interval
+
+read_patient = lru_cache(maxsize=1)(PatientModel.read)  # one for all stages of a process, with what they keep of it
 
 
 def read_result(path: str | os.PathLike, case: str, patient: PatientModel) -> Interval:
