@@ -87,8 +87,9 @@ with plainly():
             f"one patient per fold; {len(STUDY.cohort.scanned)} of {len(STUDY.cohort.cases)} patients have one, and 'folds' is "
             f"{config['folds']}."
         )
-    if workflow.is_main_process and STUDY.choice and STUDY.choice.archive:
-        check_brought("-", STUDY.choice.folder)
+    if workflow.is_main_process and STUDY.choice:
+        if STUDY.choice.archive:
+            check_brought("-", STUDY.choice.folder)
         logger.info(STUDY.choice.in_words)
 
     if workflow.is_main_process:
