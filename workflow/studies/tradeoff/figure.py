@@ -89,7 +89,7 @@ def _draw_outcomes(axes: Axes, studied: pd.DataFrame) -> None:
         axes.axhspan(alike.min(), alike.max(), color=BAND, zorder=0, label=f"not told apart from {written(BASELINE)}")
         axes.legend(frameon=False, loc="upper right", fontsize=9)
     axes.set_ylim(0, 1.08 * studied["cd"].max())
-    axes.set_xlabel("one plan, warm, as the study timed it")
+    axes.set_xlabel("one plan, warm")
     axes.set_ylabel("distance of prediction and outcome, mm (Chamfer)")
     _say(axes, _of_outcome(timed, int(studied["n"].max()), tested))
     named = [name for name in WANTED if name in timed.index]

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 
 from pinnochio.columns import check, read_table
-from pinnochio.methods.names import BASELINE
+from pinnochio.methods.names import BASELINE, CEILING, FLOOR
 from pinnochio.metrics.case_columns import CASES
 from pinnochio.seeds import derive_seed
-from pinnochio.tables.comparison import against_baseline
+from pinnochio.tables.comparison import BOUNDS, against_baseline
 from pinnochio.tables.document import Block, Table, View, views
 from studies.tradeoff.cases import TRADEOFF_CASES
 from studies.tradeoff.setting_columns import SETTING, TRADEOFF
@@ -42,8 +42,10 @@ def summarise(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.DataFrame:
 
 
 def against_outcome(outcomes: pd.DataFrame) -> dict[str, dict]:
-    """Cells of TRADEOFF by method, of rows of CASES: as the study predicted, judged and timed."""
+    """Cells of TRADEOFF by method, of rows of CASES: as the study predicted, judged and timed. Of the bounds those that
+    are lines of the picture."""
     baseline, cells = outcomes[outcomes["method"] == BASELINE], {}
+    outcomes = outcomes[~outcomes["method"].isin({*BOUNDS} - {FLOOR, CEILING})]
     for method, group in outcomes.groupby("method", sort=False):
         row = {"method": method, "parameter": "none", "value": BASE, "n": len(group)}
         row |= {"failed": int(group["cd"].isna().sum()), "cd": group["cd"].mean(), "cd_sd": group["cd"].std()}
