@@ -153,7 +153,7 @@ def test_the_tradeoff_judges_the_first_folds_patients_by_the_networks_of_their_f
     judged = {path.split("/")[1] for path in jobs if path.startswith("tradeoff/")}
     assert len(judged) == patients and judged <= set(SCANNED)
     for fold in folds:
-        held_out = judged & cases_read(jobs[f"folds/{fold}/no_change/predictions.h5"], "model.h5")
+        held_out = judged & cases_read(jobs[f"held_out/{fold}/model"], "model.h5")
         for case in held_out:
             read = {path for path in jobs[f"tradeoff/{case}/networks.csv"] if path.startswith("folds/")}
             assert read == {f"folds/{fold}/{name}/network.pt" for name in ("pinnochio", "pinnochio_plus")}
