@@ -90,7 +90,8 @@ with plainly():
     if workflow.is_main_process and STUDY.choice:
         if STUDY.choice.archive:
             check_brought("-", STUDY.choice.folder)
-        logger.info(STUDY.choice.in_words)
+        if STUDY.choice.in_words:
+            logger.info(STUDY.choice.in_words)
 
     if workflow.is_main_process:
         for odd in oddities(STUDY.new_patients.values()):

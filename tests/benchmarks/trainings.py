@@ -14,12 +14,12 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-sys.path.insert(0, str(Path(__file__).parents[2] / "workflow"))
+sys.path.extend(str(Path(__file__).parents[2] / folder) for folder in ("", "workflow"))
 
 from pinnochio.code import ROOT
 from pinnochio.columns import Column, number, read_table, write_csv
 from pinnochio.metrics.case_columns import CASES
+from pinnochio.tables.comparison import BOUNDS
 from scripts.tables.tabulate import tabulate
 
 MEASURES = ("cd", "hd95", "pwr1", "pwr2", "skin_error_mean", "volume_error_mean", "raw_min_jacobian", "eqres_rel")
@@ -64,10 +64,9 @@ def main(output: str, study: str, *trainings: str) -> None:
     write_csv(spread(trained), folder / "trainings.csv", TRAININGS)
     write_csv(of_trainings(whole, trained), folder / "cases.csv", CASES)
     config = yaml.safe_load(Path(ROOT, "config/config.yaml").read_bytes())
-    bounds = ["floor_scan", "oracle_learner", "oracle"]
-    methods = [name for name in whole["method"].unique() if name not in bounds]
+    methods = [name for name in whole["method"].unique() if name not in BOUNDS]
     named = {"cases": folder / "cases.csv", "cohort": "virtual cohort (locked)", "seed": int(whole["seed"].iloc[0])}
-    compared = {"reference": config["better"], "methods": methods, "bounds": bounds, "published": False}
+    compared = {"reference": config["better"], "methods": methods, "bounds": [*BOUNDS], "published": False}
     tabulate("pinnochio.tables.accuracy", named | compared, str(folder / "better.csv"))
     tabulate("pinnochio.tables.claims", named, str(folder / "claims.csv"))
 

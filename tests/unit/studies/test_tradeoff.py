@@ -81,7 +81,7 @@ def test_means_over_patients_and_both_fronts():
 def test_what_the_study_judged_stands_beside_the_settings():
     """In the row of the setting that it predicts by, with that row's seconds; methods of no setting follow."""
     judged = outcomes([(case, name, 9.0, 0.5) for case in "AB" for name in ("middle", "fem_sliding", "still")])
-    frame = summarise(rows(), judged)
+    frame = summarise(rows(), judged.assign(converged=judged["method"] != "still"))
     assert frame["method"].tolist() == [*(name for name, *_ in SETTINGS), "fem_sliding", "still"]
     middle = frame[frame["method"] == "middle"].set_index("value")
     assert middle["cd"].tolist() == [pytest.approx(0.5), pytest.approx(np.nan, nan_ok=True)]
@@ -89,6 +89,7 @@ def test_what_the_study_judged_stands_beside_the_settings():
     still = frame.set_index("method").loc["still"]
     assert (still["n"], still["seconds"], still["sliding_difference"], still["value"]) == (2, 9.0, 0, BASE)
     assert np.isnan(still["face_error"]) and still["parameter"] == "none"
+    assert still["failed"] == 2 and not still["front_outcome"]
 
 
 def test_the_best_in_so_many_seconds_is_read_off_the_rows():

@@ -38,8 +38,10 @@ class Choice:
     def in_words(self) -> str:
         """Which models predict, or of finite elements how near the mesh lets them come."""
         about, nodes = self.archive, self.settings["mesh"]["nodes"]
-        if about or not self.method.startswith("fem"):
-            return f"Models: {self.folder}, trained on {about.patients} patients ({about.cohort})." if about else ""
+        if about:
+            return f"Models: {self.folder}, trained on {about.patients} patients ({about.cohort})."
+        if not self.method.startswith("fem"):
+            return ""
         error, finest = MESH_ERROR[min(MESH_ERROR, key=lambda known: abs(known - nodes))], max(MESH_ERROR)
         finer = f"; mesh.nodes: {finest} brings {MESH_ERROR[finest]:g} mm in ten times the seconds" * (nodes < finest)
         return (

@@ -50,17 +50,16 @@ def draw(frame: pd.DataFrame, paths: Sequence[str | os.PathLike]) -> None:
 
 def _draw_fields(axes: Axes, frame: pd.DataFrame) -> None:
     """Settings that have a distance from the reference."""
-    bars, joined = {}, frame[frame["parameter"].isin(JOINED)]
+    bars, joined, usual = {}, frame[frame["parameter"].isin(JOINED)], frame[frame["value"].str.endswith(BASE)]
     for (method, parameter), rows in joined.groupby(["method", "parameter"], sort=False):
-        usual = frame[(frame["method"] == method) & frame["value"].str.endswith(BASE)]
-        line = pd.concat([rows, usual]).drop_duplicates().sort_values("seconds")
+        line = pd.concat([rows, usual[usual["method"] == method]]).drop_duplicates().sort_values("seconds")
         style = {"linestyle": JOINED[parameter], "linewidth": 4 if parameter == "accuracy" else 1.2, "zorder": 3}
         axes.plot(line["seconds"].clip(lower=FASTEST), line["face_error"], color=MEAN, marker=".", **style)
-        for _, row in usual.iterrows():
-            first = row["seconds"] + row["setup_seconds"]
-            axes.plot([row["seconds"], first], [row["face_error"]] * 2, color=PATIENT, linestyle=":", zorder=1)
-            axes.plot(first, row["face_error"], "o", color=PATIENT, markerfacecolor="white", zorder=2)
-            bars[written(method)] = (max(row["seconds"], FASTEST), row["face_error"], row["face_error"])
+    for _, row in usual.iterrows():
+        first = row["seconds"] + row["setup_seconds"]
+        axes.plot([row["seconds"], first], [row["face_error"]] * 2, color=PATIENT, linestyle=":", zorder=1)
+        axes.plot(first, row["face_error"], "o", color=PATIENT, markerfacecolor="white", zorder=2)
+        bars[written(row["method"])] = (max(row["seconds"], FASTEST), row["face_error"], row["face_error"])
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda distance, _: f"{distance:g}"))
     axes.yaxis.set_minor_formatter(FuncFormatter(lambda distance, _: f"{distance:g}"))

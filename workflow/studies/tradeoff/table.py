@@ -32,7 +32,7 @@ def summarise(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.DataFrame:
         row |= {"n": len(group), "failed": int((~group["converged"]).sum())}
         names = ("nodes", "seconds", "setup_seconds", "face_error", "volume_error", "eqres_rel")
         row |= {name: group[name].mean() for name in names}
-        row |= {"seconds_max": group["seconds"].max(), "inverted": group["inverted"].sum()}
+        row |= {"seconds_max": group["seconds"].max(), "inverted": group["inverted"].sum(min_count=1)}
         row |= {"face_error_max": group["face_error_max"].max(), "min_jacobian": group["min_jacobian"].min()}
         summaries.append(row)
     frame = pd.DataFrame([*summaries, *judged.values()], columns=[column.name for column in TRADEOFF])
@@ -48,7 +48,8 @@ def against_outcome(outcomes: pd.DataFrame) -> dict[str, dict]:
     outcomes = outcomes[~outcomes["method"].isin({*BOUNDS} - {FLOOR, CEILING})]
     for method, group in outcomes.groupby("method", sort=False):
         row = {"method": method, "parameter": "none", "value": BASE, "n": len(group)}
-        row |= {"failed": int(group["cd"].isna().sum()), "cd": group["cd"].mean(), "cd_sd": group["cd"].std()}
+        row["failed"] = int((group["cd"].isna() | ~group["converged"]).sum())
+        row |= {"cd": group["cd"].mean(), "cd_sd": group["cd"].std()}
         row |= {"seconds": group["seconds"].mean(), "seconds_max": group["seconds"].max()}
         row["setup_seconds"] = group["setup_seconds"].mean()
         cells[method] = row | against_baseline(group, baseline, derive_seed(0, "bootstrap", method))
