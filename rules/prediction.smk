@@ -204,10 +204,12 @@ rule calibrate:
         ],
         postops=expand("<results>/cases/{case}/postop.h5", case=STUDY.cohort.scanned),
         judged=expand("<results>/cases/{case}/judged.h5", case=STUDY.cohort.scanned),
-        predictions=expand(
-            "<results>/folds/{fold}/{method}/predictions.h5",
+        # From the plan, which is all that a user has, where a method predicts from both motions.
+        predictions=lambda wildcards: expand(
+            "<results>/{arm}/{fold}/{method}/predictions.h5",
+            arm="planned" if wildcards.method in STUDY.planned else "folds",
             fold=[STUDY.folds.by_case[case] for case in STUDY.cohort.scanned],
-            allow_missing=True,
+            method=wildcards.method,
         ),
         ensembles=lambda wildcards: expand(
             "<results>/cases/{case}/{method}/ensemble.h5",

@@ -39,8 +39,8 @@ class ScannedCase:
 def calibrate(cases: Sequence[ScannedCase], method: str, level: float, seed: int, calibration: str, table: str) -> None:
     """Write the calibration as JSON and one row per region and measure as CSV; measures of fields alone.
 
-    predictions: of the fold, which never saw the case; ensemble: of the networks of all folds, for how far they usually
-    differ, which nothing is said of without them.
+    predictions: of the fold, which never saw the case, by the motion that a user predicts from; ensemble: of the
+    networks of all folds, for how far they usually differ, which nothing is said of without them.
     """
     errors, measured, spreads = [], [], []
     for files in cases:

@@ -34,7 +34,8 @@ def cases_read(files, name):
 
 
 def test_bones_after_surgery_decide_what_motion_a_case_is_trained_and_predicted_with(project):
-    """Given for three scanned patients and one without a scan; every method is also predicted from the plan."""
+    """Given for three scanned patients and one without a scan; every method is also predicted from the plan, on
+    which intervals are calibrated."""
     write_cohort(project, SCANNED, UNSCANNED)
     table = project.folder / "cases.tsv"
     header, *rows = table.read_text().splitlines()
@@ -42,7 +43,7 @@ def test_bones_after_surgery_decide_what_motion_a_case_is_trained_and_predicted_
     (project.folder / "bones.stl").touch()
     rows = [f"{row}\t{'bones.stl' if row[:2] in with_bones else ''}\t30" for row in rows]
     table.write_text("\n".join([f"{header}\tpostop_bones\tage", *rows]) + "\n")
-    jobs, _ = plan_jobs(project, "--", "all", "inputs")
+    jobs, _ = plan_jobs(project, "--", "all", "inputs", "uncertainty")
     assert cases_read(jobs["cohort.csv"], "achieved.json") == with_bones
     assert {f"cases/{name}/covariates.json" for name in [*SCANNED, *UNSCANNED]} <= set(jobs)
     for fold in "123":
@@ -57,6 +58,7 @@ def test_bones_after_surgery_decide_what_motion_a_case_is_trained_and_predicted_
             assert cases_read(files, "plan.json") == held_out
             assert f"folds/{fold}/pinnochio/network.pt" in files
         assert f"planned/{fold}/pinnochio/network.pt" not in jobs
+        assert f"planned/{fold}/pinnochio/predictions.h5" in jobs["methods/pinnochio/coverage.csv"]
     assert {"tables/planned.csv", "tables/segments.md"} <= set(jobs)
     assert cases_read(jobs["tables/segments.csv"], "segments.csv") == with_bones
     planned, _ = plan_jobs(project, "motion=planned")

@@ -49,8 +49,8 @@ def table(frame: pd.DataFrame, cohort: str) -> Table:
     ]
     level = ", ".join(sorted({column["level"].text(value) for value in frame["level"]}))
     caption = (
-        f"Coverage on the {cohort} at {level} %: points and measures of held-out patients within half-widths "
-        "calibrated on the other folds, mean ± standard deviation over patients; empty where these are too few. The "
-        "half-width is that of all patients."
+        f"Coverage on the {cohort} at {level} %: points and measures of held-out patients, predicted from the plan "
+        "(once, where a method predicts once), within half-widths calibrated on the other folds, mean ± standard "
+        "deviation over patients; empty where these are too few. The half-width is that of all patients."
     )
     return Table(frame, COVERAGE, [Block.of(frame, view, caption)])
