@@ -13,7 +13,7 @@ from pinnochio.mechanics.solvers.inversion_repair import Repair
 from pinnochio.metrics.validity import OFF_BONE
 from pinnochio.patients.certificate import astray, in_distribution
 from pinnochio.patients.front import within
-from pinnochio.patients.in_distribution import Ranges, widening
+from pinnochio.patients.in_distribution import Ranges, out_of_range, widening
 from pinnochio.patients.model_archive import FALLBACK, RANGES, calibration_file
 from pinnochio.patients.result import of_ensemble, read_patient
 from pinnochio.plans.plan import Plan
@@ -45,8 +45,8 @@ def predict_plan(
 ) -> None:
     """Run the stages: prediction (with its interval, of networks), certificate; beside them pictures, page and files.
 
-    Finite elements predict in the networks' place, where the archive says how near these come, a patient or plan unlike
-    the training, and one whose tissue the networks tear.
+    Finite elements predict in the networks' place, where the archive says how near these come, a patient or plan out of
+    the training's range, and one whose tissue the networks tear.
 
     about: as :func:`~scripts.patients.certify.certify` takes it; planned: files model and plan; method: predictor, its
     settings, device and threads; networks: file by fold, none of a method that learns nothing; archive: folder of the
@@ -69,7 +69,7 @@ def predict_plan(
     other = {"names": [FALLBACK], "trained": [], "lifts": [], "covariates": [], **method, **others.get(FALLBACK, {})}
     instead = dict(about) | {"method": FALLBACK, "instead_of": about["method"], "corrections": 0}
     able = bool(networks) and (Path(archive) / calibration_file(FALLBACK)).is_file()
-    if able and not compared["within"]:
+    if able and out_of_range(compared):
         able, first, about = False, other, instead | {"because": UNLIKE}
     drawn = [str(Path(result).with_name(f".{name}.json")) for name in ("bones", "faces")]
     begin = partial(beside().submit, Stages(Path(result).with_name(".beside.json")))

@@ -34,8 +34,7 @@ def cases_read(files, name):
 
 
 def test_bones_after_surgery_decide_what_motion_a_case_is_trained_and_predicted_with(project):
-    """Given for three scanned patients and one without a scan; every method is also predicted from the plan, on
-    which intervals are calibrated."""
+    """Given for three scanned patients and one without a scan; from the plan too, on which intervals are calibrated."""
     write_cohort(project, SCANNED, UNSCANNED)
     table = project.folder / "cases.tsv"
     header, *rows = table.read_text().splitlines()

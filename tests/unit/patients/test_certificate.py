@@ -22,7 +22,7 @@ from pinnochio.patients.certificate import (
     plain,
     verdict,
 )
-from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, plan_quantities, widening
+from pinnochio.patients.in_distribution import Norm, Ranges, anatomy_quantities, out_of_range, plan_quantities, widening
 from pinnochio.patients.result import Solution
 from pinnochio.plans.plan import Plan
 from pinnochio.statistics.intervals import Calibration, Interval
@@ -127,8 +127,8 @@ def test_the_interval_counts_where_it_is_widened():
     assert said["widened_percent"] == pytest.approx(100 / 3)
 
 
-@pytest.mark.parametrize(("factor", "within"), [(1.0, True), (6.0, False)])
-def test_a_plan_far_beyond_the_training_is_called_so(factor, within):
+@pytest.mark.parametrize(("factor", "within", "far"), [(1.0, True, False), (1.6, False, False), (6.0, False, True)])
+def test_a_plan_beyond_the_training_is_called_so(factor, within, far):
     patient = replace(PATIENT, segments=("lefort1",))
 
     def forward(distance):
@@ -149,13 +149,13 @@ def test_a_plan_far_beyond_the_training_is_called_so(factor, within):
     )  # fmt: skip
     assert judgements(said)["Plan"] is within and judgements(said)["Bone segments"]
     words = {row.what: row.meaning for row in in_words(said)}
-    assert ("do not rely on it" in words["Interval"]) != within and "0.10 to 0.30, median 0.20" in str(words)
-    assert ("_mm is 2" in words["Plan"]) != within
+    assert ("do not rely on it" in words["Interval"]) == far == out_of_range(compared)
+    assert (f"_mm is {4 * factor:.1f}" in words["Plan"]) != within and "0.10 to 0.30, median 0.20" in str(words)
     assert ("times as wide" in words["Interval"]) != within
     grade, reasons = verdict(said)
-    assert grade == NOT_USABLE and any("(Plan: far beyond" in reason for reason in reasons) is not within
+    assert grade == NOT_USABLE and any("(Plan: far beyond" in reason for reason in reasons) is far
     beyond = in_distribution(patient, plans[0], QUALITY, replace(ranges, segments=["chin"]))
-    assert not beyond["within"] and not beyond["segments"]["within"]
+    assert not beyond["within"] and not beyond["segments"]["within"] and out_of_range(beyond)
 
 
 USUAL = {"min_jacobian": [0.3, 0.5, 0.9], "eqres_rel": [0.015, 0.05, 0.14], "sliding_error": [0.1, 0.3, 0.6]}

@@ -20,7 +20,7 @@ from pinnochio.metrics.validity import (
 )
 from pinnochio.metrics.worst_point import FLAGGED
 from pinnochio.model.patient import PatientModel
-from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, plan_quantities
+from pinnochio.patients.in_distribution import Ranges, anatomy_quantities, out_of_range, plan_quantities
 from pinnochio.plans.plan import Plan
 from pinnochio.plans.roles import GUESS
 from pinnochio.statistics.intervals import Calibration, Interval
@@ -44,7 +44,7 @@ FAR = 1.0  # widths of the training's range beyond what is usual from which noth
 # What to do about a line that speaks against the prediction.
 SOLVE = "Predict with finite elements (predict.method: fem_sliding), or plan a smaller movement"
 SOLVED = "Plan a smaller movement, or take another mesh (mesh.nodes)"
-UNLIKE = "Take the interval for a guess, or predict with finite elements (predict.method: fem_sliding)"
+UNLIKE = "Hold the face against finite elements (predict.method: fem_sliding)"
 ADVICE = {
     "Bones unlike people's": "Look at segments.png, and correct labels or cuts",
     "Solver": SOLVED,
@@ -178,7 +178,7 @@ def in_words(certificate: Mapping) -> list[Finding]:
         return [*rows, none, Finding("In distribution", "not asked", "The method has not been trained on anybody.")]
     return [
         *rows,
-        _interval_row(certificate["interval"], certificate["in_distribution"]["within"]),
+        _interval_row(certificate["interval"], certificate["in_distribution"]),
         *_distribution_rows(
             certificate["in_distribution"], certificate["models"]["cohort"], "instead_of" not in certificate
         ),
@@ -381,12 +381,12 @@ def _detail_row(of: Mapping) -> Finding:
     return Finding("Detail of the skin", value, meaning, of["off_mesh_p95_mm"] <= DETAIL)
 
 
-def _interval_row(interval: Mapping, within: bool) -> Finding:
+def _interval_row(interval: Mapping, compared: Mapping) -> Finding:
     meaning = f"{100 * interval['level']:g} % of a region's points should lie this near to the outcome, as they did on "
     meaning += f"{interval['patients']} held-out patients, if patient and plan are like theirs. "
-    meaning += "" if within else "They are not: do not rely on it. "
     if interval["widening"] > 1:
-        meaning += f"So it is {interval['widening']:.1f} times as wide as calibrated. "
+        meaning += f"They lie beyond: it is {interval['widening']:.1f} times as wide as calibrated. "
+    meaning += "That is more than was measured: do not rely on it. " if out_of_range(compared) else ""
     meaning += f"Widened on {interval['widened_percent']:.0f} % of the face, where the fold models disagree."
     return Finding(
         "Interval", f"± {interval['median_mm']:.1f} mm median, {interval['largest_mm']:.1f} mm at most", meaning

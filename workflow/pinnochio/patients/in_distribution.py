@@ -25,6 +25,9 @@ LEVEL = 0.95
 # Least width of a range: in the quantity's own unit (mm, degrees, cm2, cm3), and as a share of its middle. Less is a
 # matter of voxels [I].
 LEAST, LEAST_SHARE = 1.0, 0.04
+# Widths beyond what is usual up to which networks were nearer than finite elements, and `widening` held [X:
+# docs/lab/certificate.md].
+MEASURED = 0.5
 BESIDE_CONTACT = "released"  # contact with bone that an osteotomy takes away
 TURNED = {"maxilla": ("maxilla",), "mandible": ("distal", UNCUT), "rami": ("proximal",), "chin": ("chin",)}
 
@@ -116,12 +119,19 @@ def beyond(compared: Mapping) -> float:
     return max(max(0.0, compared[name]["farthest"] - compared[name]["threshold"]) for name in ("anatomy", "plan"))
 
 
+def out_of_range(compared: Mapping) -> bool:
+    """Whether nobody knows what networks do on the patient: a segment, a muscle layer or a quantity without counterpart
+    in the training, or anatomy or plan farther beyond it than was measured."""
+    unknown = any(compared[name]["incomparable"] for name in ("anatomy", "plan"))
+    unknown |= not (compared["segments"]["within"] and compared["muscle"]["within"])
+    return unknown or beyond(compared) > MEASURED
+
+
 def widening(compared: Mapping) -> float:
     """Factor on the half-widths of the interval: 1 within the training, and as many times more as anatomy or plan lies
     widths of the training's range beyond it.
 
-    A plan of twice the largest movement of the training has twice the interval: where nothing is known, an error is
-    expected to grow no less than the movement does [I].
+    Measured up to half a width [X]; farther out an error is expected to grow no faster than the movement does [I].
     """
     return 1.0 + beyond(compared)
 
