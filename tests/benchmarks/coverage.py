@@ -65,7 +65,7 @@ def judged(folder: Path, made: Path) -> pd.DataFrame:
         certify(about, model, plan, quality, result, FEM, SHIPPED, compared, said)
         said = read_stored_json(said)
         row = {"motion": motion, "method": method, "shipped": kept, "within": compared["within"]}
-        row |= {"verdict": said["verdict"]["grade"], "moved": said["measures"]["motion_mm"]}
+        row["verdict"] = said["verdict"]["grade"]
         interval, calibration = Interval.read(result), Calibration.read(calibration)
         field, known = interval.displacement, np.flatnonzero(np.isfinite(interval.half_width))
         skin = held_out(case, "", patient, samples, patient.moved_skin(field), *scan.surface)
