@@ -386,7 +386,7 @@ def _interval_row(interval: Mapping, compared: Mapping) -> Finding:
     meaning += f"{interval['patients']} held-out patients, if patient and plan are like theirs. "
     if interval["widening"] > 1:
         meaning += f"They lie beyond: it is {interval['widening']:.1f} times as wide as calibrated. "
-    meaning += "That is more than was measured: do not rely on it. " if out_of_range(compared) else ""
+    meaning += "They are unlike what was measured: do not rely on it. " if out_of_range(compared) else ""
     meaning += f"Widened on {interval['widened_percent']:.0f} % of the face, where the fold models disagree."
     return Finding(
         "Interval", f"± {interval['median_mm']:.1f} mm median, {interval['largest_mm']:.1f} mm at most", meaning
