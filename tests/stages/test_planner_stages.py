@@ -76,7 +76,8 @@ def test_a_plan_unlike_the_training_is_said(prepared, forecaster):
         prepared.case,
         plan.motions | {"lefort1": type(motion)(motion.rotation, motion.translation + [0, 60, 0], motion.pivot)},
     )
-    assert forecaster(far).out_of_distribution == ("plan",)
+    forecast = forecaster(far)
+    assert forecast.out_of_distribution == ("plan",) and forecast.out_of_range
 
 
 def test_the_picture_follows_the_plan(prepared, forecaster):

@@ -6,7 +6,7 @@ import pytest
 
 from pinnochio.patients.certificate import of_import
 from pinnochio.plans.roles import GUESS
-from studies.planner.page_words import APART, CROSS, import_in_words, warning
+from studies.planner.page_words import APART, CROSS, OUTSIDE, WIDER, import_in_words, warning
 
 
 @pytest.mark.parametrize(
@@ -19,12 +19,13 @@ from studies.planner.page_words import APART, CROSS, import_in_words, warning
         ({"crossed": 1.25}, CROSS.format(1.25)),
         ({"apart": 2.5}, APART.format(2.5)),
         ({"beyond": 3.2}, "Not usable: 3.2 widths of the training's range beyond it"),
-        ({"out_of_distribution": ("plan",)}, "Unlike the training in plan"),
+        ({"out_of_distribution": ("plan",)}, WIDER.format("plan")),
+        ({"out_of_distribution": ("plan",), "out_of_range": True}, OUTSIDE.format("plan")),
     ],
 )
 def test_what_speaks_against_a_forecast_is_said(changes, words):
     none = {"damping": 1.0, "repaired": 0, "off_bone": 0.4, "crossed": 0.0, "apart": 2.0, "beyond": 0.0}
-    none["out_of_distribution"] = ()
+    none |= {"out_of_distribution": (), "out_of_range": False}
     forecast = SimpleNamespace(**none | changes)
     assert warning(forecast).startswith(words) and bool(warning(forecast)) == bool(words)
 

@@ -19,7 +19,7 @@ from pinnochio.methods.sources import PatientSources
 from pinnochio.model.patient import PatientModel
 from pinnochio.model.regions import regions
 from pinnochio.patients.certificate import PARTS, astray, in_distribution, of_import
-from pinnochio.patients.in_distribution import Ranges, beyond, widening
+from pinnochio.patients.in_distribution import Ranges, beyond, out_of_range, widening
 from pinnochio.patients.model_archive import RANGES, Archive, calibration_file, network_file
 from pinnochio.plans.plan import Plan, RigidMotion
 from pinnochio.statistics.intervals import Calibration, Interval, interval, repaired_interval, widened
@@ -36,7 +36,7 @@ class Forecast:
     off_bone: how far tissue has come from its bone or gone into it, at most, mm, 0 of a first look;
     crossed, apart: how far lips would cross, and stay apart that were closed before surgery, mm; beyond: how far
     patient or plan lies beyond the training, in widths of its range; out_of_distribution: what of patient and plan is
-    (segments, muscle, anatomy, plan); seconds: since the beginning.
+    (segments, muscle, anatomy, plan), out_of_range: so far that nothing was measured; seconds: since the beginning.
     """
 
     plan: Plan
@@ -52,6 +52,7 @@ class Forecast:
     apart: float
     beyond: float
     out_of_distribution: tuple[str, ...]
+    out_of_range: bool
     seconds: float
 
 
@@ -133,5 +134,6 @@ class Forecaster:
             apart=lips.left if lips.before <= SEALED else 0.0,
             beyond=beyond(compared),
             out_of_distribution=tuple(part for part in PARTS if not compared[part]["within"]),
+            out_of_range=out_of_range(compared),
             seconds=time.perf_counter() - began,
         )

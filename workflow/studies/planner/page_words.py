@@ -16,9 +16,11 @@ from studies.planner.jaws import FOSSA, LIMIT, Jaws, named
 from studies.planner.wishing import Fit
 
 FIRST_LOOK = "first look"
-OUTSIDE = "Unlike the training in {}: do not rely on the interval."
+TAKE_OVER = "Finite elements take over where this plan is predicted."
+WIDER = "Beyond the training in {}: the interval is wider for it."
+OUTSIDE = f"Unlike the training in {{}}: do not rely on the interval. {TAKE_OVER}"
 DAMPED = "Not usable: the field turned tissue inside out and was scaled to {:.2g} %; the plan is not carried out."
-OFF = "Not usable: tissue is {:.1f} mm off its bone. Finite elements take over where this plan is predicted."
+OFF = f"Not usable: tissue is {{:.1f}} mm off its bone. {TAKE_OVER}"
 FAR_BEYOND = "Not usable: {:.1f} widths of the training's range beyond it."
 REPAIR = "{} elements were turned inside out and solved again."
 # Of bones that run into each other by less than LIMIT, and by more.
@@ -123,5 +125,6 @@ def warning(forecast: Forecast) -> str:
     if forecast.beyond > FAR:
         said.append(FAR_BEYOND.format(forecast.beyond))
     if forecast.out_of_distribution:
-        said.append(OUTSIDE.format(", ".join(forecast.out_of_distribution)))
+        words = OUTSIDE if forecast.out_of_range else WIDER
+        said.append(words.format(", ".join(forecast.out_of_distribution)))
     return " ".join(said)
