@@ -12,7 +12,7 @@ from pinnochio.overlays import overlaid
 from pinnochio.patients.model_archive import FALLBACK, RANGES, READ_BY_NETWORKS, Archive, calibration_file, network_file
 
 # Nodes -> mean distance (mm) of the face by sliding finite elements from that on 30,000 (docs/lab/tradeoff.md).
-MESH_ERROR = {1500: 0.47, 3000: 0.3, 5000: 0.2, 10000: 0.12, 20000: 0.09}
+MESH_ERROR = {1500: 0.6, 3000: 0.4, 5000: 0.26, 10000: 0.15, 20000: 0.1}
 WITHOUT_MODELS = [method.name for method in BUILT_IN if method.new_patients and method.trains == "no"]
 
 
