@@ -208,7 +208,7 @@ def test_other_segments_are_refused_unless_allowed(tmp_path):
 def test_millimetres_or_seconds_choose_finite_elements_and_not_both(tmp_path):
     choice = chosen(tmp_path / "nowhere", accuracy=0.2)
     assert (choice.method, choice.settings["fem"]["accuracy"], choice.seconds) == ("fem_sliding", 0.2, None)
-    assert "on 5000 nodes" in choice.in_words and "some 0.2 mm" in choice.in_words and "20000" in choice.in_words
+    assert "on 5000 nodes" in choice.in_words and "some 0.26 mm" in choice.in_words and "20000" in choice.in_words
     choice = chosen(tmp_path / "nowhere", seconds=0.5)
     assert (choice.method, choice.seconds, choice.files) == ("fem_sliding", 0.5, [str(FRONT)])
     with pytest.raises(InputError, match="both accuracy and seconds"):
