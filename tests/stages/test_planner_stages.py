@@ -72,11 +72,8 @@ def test_a_plan_unlike_the_training_is_said(prepared, forecaster):
     plan = Plan.read(prepared.plans["set"], prepared.case)
     assert forecaster(plan).out_of_distribution == ()
     motion = plan.motion("lefort1")
-    far = Plan(
-        prepared.case,
-        plan.motions | {"lefort1": type(motion)(motion.rotation, motion.translation + [0, 60, 0], motion.pivot)},
-    )
-    forecast = forecaster(far)
+    far = type(motion)(motion.rotation, motion.translation + [0, 60, 0], motion.pivot)
+    forecast = forecaster(Plan(prepared.case, plan.motions | {"lefort1": far}))
     assert forecast.out_of_distribution == ("plan",) and forecast.out_of_range
 
 
